@@ -94,16 +94,6 @@ def test_the_page_names_every_option(run: Run) -> None:
 # several files
 
 
-def test_traces_by_option(run: Run, tmp_path: Path) -> None:
-    names = ["run_0.5fps.csv", "run_10fps.csv"]
-    for name, power_w in zip(names, (3, 4), strict=True):
-        (tmp_path / name).write_text(f"100,101,102\n{power_w},1,0\n{power_w},1,0\n", encoding="utf-8")
-    files = [str(tmp_path / name) for name in names]
-    by_option = run("profile", *files, "--config", "fps=0.5", "--config", "fps=10", "--format", "json")
-    assert by_option[0] == 0
-    assert [point["at"] for point in json.loads(by_option[1])["points"]] == [[0.5], [10]]
-
-
 def test_computations_added_are_flown(run: Run, measured: PowerMeasurement, tmp_path: Path) -> None:
     other = measured("keysize,power_w\n32,1\n448,3\n")
     model = str(tmp_path / "both.yaml")

@@ -105,17 +105,6 @@ def test_begun_within_the_radius_it_is_not_armed(begin_deg):
         assert swept == pytest.approx(-begin_deg / 2, abs=0.6)
 
 
-@pytest.mark.parametrize("radius_m", [49.0, 80.0])
-def test_armed_begun_outside_the_radius(radius_m):
-    itinerary = begun(plan_of(ROUND_AND_ON), position=(0.0, -radius_m))
-    x, y = first_change(itinerary, arc((0, 0), radius_m, -90, 60))
-    if radius_m < 70:
-        assert math.dist((x, y), (50, 0)) == pytest.approx(RADIUS_M, abs=STEP_M)
-        assert y < 0
-    else:  # 30 m off: passed at the trigger's angle
-        assert math.degrees(math.atan2(y, x)) == pytest.approx(0, abs=0.5)
-
-
 def test_of_two_stages_in_one_place_each_is_flown():
     text = "1; 90; x\n0, 100\n1; 90; x\n0, 104\n1; 90; x\n0, 300\n"
     itinerary = begun(plan_of(text), position=(0.0, 0.0))

@@ -92,23 +92,6 @@ def test_ground_that_is_not_reached_counts_0(name, share):
     assert on_paper(plan, start, lambda *_: lower, stop_s)[0].quality({}) < found
 
 
-def test_uniform_spacing_beats_half_fine_half_coarse_at_equal_charge():
-    """At one speed and constant power, charge goes with time."""
-    plan = survey()
-
-    def halves(first, then, half_s):
-        return lambda time_s, _: parameters_of(plan, first if time_s < half_s else then)
-
-    start, fine, coarse = start_of(plan), 0.9, 0.2
-    fine_s, coarse_s = (on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s))[1] for s in (fine, coarse))
-    uniform = [on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s)) for s in np.linspace(0, 1, 41)]
-    for first, then, half_s in ((fine, coarse, fine_s / 2), (coarse, fine, coarse_s / 2)):
-        log, mixed_s = on_paper(plan, start, halves(first, then, half_s))
-        mixed = log.quality({"c2": 0.0})
-        best = max(log.quality({"c2": 0.0}) for log, seconds in uniform if seconds <= mixed_s)
-        assert best > mixed + 0.01
-
-
 @pytest.mark.parametrize("stage", [3, 4])
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_change_that_alters_nothing_flown_earns_nothing(stage, share):

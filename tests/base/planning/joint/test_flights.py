@@ -93,26 +93,6 @@ def test_computations_do_not_rise_soon_after_they_fell(gusty):
                 fell_s = time_s
 
 
-@pytest.mark.slow
-def test_parameters_that_are_held_stay():
-    def held(inputs):
-        flight = inputs.flight()
-        flight.planner.hold({0: -640.0, 1: 6.0})
-        return flight
-
-    outcome, *_ = flown(held, **{"battery.capacity_ah": 0.5})
-    assert {record.parameters for record in outcome.records} == {(-640.0, 6.0)}
-
-    def path_held(inputs):
-        flight = inputs.flight()
-        flight.planner.hold({0: -640.0})
-        return flight
-
-    outcome, *_ = flown(path_held, **{"battery.capacity_ah": 0.34})
-    assert {record.parameters[0] for record in outcome.records} == {-640.0}
-    assert len({record.parameters[1] for record in outcome.records}) >= 1
-
-
 def test_it_is_a_pure_function_of_its_readings():
     """The same flight twice, and with a planner that is shown every step: rows and decisions are the same."""
     keys = {"battery.capacity_ah": 0.42, "time_limit_s": 200, **GUSTS}
