@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from regression import posterior
 
 from eadp.models.vehicle import FixedWing
 from eadp.planning.state import motion as power
-from eadp.planning.state.level_regression import FADE_S, WINDOW_S
+from eadp.planning.state.level_regression import WINDOW_S
 from eadp.planning.state.motion import MotionPower
 
 
@@ -29,27 +28,6 @@ def energy_variance_j2(motion, seconds, bank_s):
     """Of a time with ∫ tan² φ dt: (t, ∫tan²φ) P (t, ∫tan²φ)ᵀ + v t."""
     *_, aa, ab, bb, noise = motion.known()[:6]
     return seconds * seconds * aa + 2 * seconds * bank_s * ab + bank_s * bank_s * bb + noise * seconds
-
-
-def test_power_is_a_bayesian_regression():
-    rng, count = np.random.default_rng(1), 30
-    slopes = rng.choice([0.0, 0.2, 0.35], count)
-    powers = 35 + 12 * slopes + rng.normal(0, 0.8, count)
-    motion = MotionPower(36.0, FixedWing())
-    spells(motion, powers, slopes)
-    ages = WINDOW_S * np.arange(count)[::-1]
-    weights = WINDOW_S * np.exp(-ages / FADE_S)
-    prior = np.array([36.0, power.TURN_SHARE * 36.0])
-    spread = np.array([power.LEVEL_SHARE * 36.0, power.TURN_SHARE * 36.0])
-    mean, covariance = posterior(
-        np.column_stack([np.ones(count), slopes]), powers, motion.known().noise / weights, prior, spread
-    )
-    # the noise is learned from the residuals, so that mean and noise go on in turns: near the fixed point
-    assert (motion.known().level_w, motion.known().slope_w) == pytest.approx(mean, rel=1e-3)
-    seconds, bank_s = 400.0, 60.0
-    row = np.array([seconds, bank_s])
-    expected = row @ covariance @ row + motion.known().noise * seconds
-    assert energy_variance_j2(motion, seconds, bank_s) == pytest.approx(expected, rel=1e-6)
 
 
 def test_power_before_anything_is_flown():
