@@ -1,4 +1,4 @@
-"""A survey pilot's field on a slope: the first line at its altitude, and landings on headings near the wind."""
+"""A survey pilot's field on a slope: landings on headings near the wind."""
 
 import numpy as np
 import pytest

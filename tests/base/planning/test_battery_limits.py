@@ -1,4 +1,4 @@
-"""Limits of the battery's power in flights: kept to, named, and absent by default."""
+"""Limits of the battery's power in flights: kept to, and named."""
 
 from __future__ import annotations
 

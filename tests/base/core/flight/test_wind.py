@@ -1,4 +1,4 @@
-"""Flight in wind: the triangle by complex numbers and by flying it, banks by differences, the filter by batches."""
+"""Flight in wind: the triangle by complex numbers, banks by differences, the filter by batches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ground and the quality U: what it is to be, and the same from laps flown on paper and from rows of a flight."""
+"""Ground and the quality U: what it is to be, of laps flown on paper, and the same from a log that is kept in flight."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from common.plans import TWO_BLOCKS, plan_of, survey
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import FlownGround, GroundLog, QualityShares, lap_scale
 from eadp.models.plan.route import RouteArrays, RoutePredictor
-from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.metrics import ParameterLog
 
 SPEED_MPS = 15.0
 GROUND = 0.05
-"""Ground of a mission over the whole set of c1: the last lap, and the sides of a field, are of whole laps."""
+"""Ground of a mission over the whole set of c1: the last lap counts whole."""
 ALGEBRA = 1e-9
 
 
@@ -127,11 +126,6 @@ def test_ground_of_a_mission_is_the_same_over_the_set_of_c1():
 
 
 # --- the log of a flight ----------------------------------------------------------------------------------------------
-
-
-def flown(inputs):
-    outcome = Outcome()
-    return outcome, list(fly(inputs.world, inputs.flight(), outcome))
 
 
 @pytest.mark.parametrize("seed", range(3))

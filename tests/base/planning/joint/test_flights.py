@@ -1,4 +1,4 @@
-"""What the joint planner keeps to in flights: the reserve's probability, the first decision, losses, its forecasts."""
+"""What the joint planner keeps to in flights: the reserve's probability, the first decision, its forecasts."""
 
 from __future__ import annotations
 

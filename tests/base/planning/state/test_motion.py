@@ -1,4 +1,4 @@
-"""The motion's power: regression by its textbook formulas, calibration over many flights."""
+"""The motion's power: before a window, within one, and in gusts that last."""
 
 from __future__ import annotations
 
