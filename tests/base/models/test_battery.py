@@ -97,6 +97,11 @@ def test_endurance_ends_where_the_power_can_no_longer_be_delivered():
     assert battery.endurance_s(100.0) == 0.0
 
 
+def test_the_energy_is_charge_times_capacity_times_voltage():
+    assert Battery(voltage_v=14.8, capacity_ah=3.2).energy_wh(0.5) == pytest.approx(23.68)
+    assert Battery(voltage_v=16.0, voltage_empty_v=12.0, capacity_ah=2.0).energy_wh(0.5) == pytest.approx(14.0)
+
+
 @pytest.mark.parametrize(
     ("keys", "limit", "max_w", "words"),
     [

@@ -185,6 +185,20 @@ def test_published_triggers_are_a_box_and_can_be_missed():
 # --- the same in later laps -------------------------------------------------------------------------------------------
 
 
+TOWER = """\
+init:
+a = 0, 300
+b = 0, 400
+path:
+0.01; 90; (x - a)^2 + (y - b)^2 - 4900
+a, b + 70
+0.1; 90; x - a - 370
+a + 370, b + 400
+trig:
+3000, 4000
+"""
+
+
 def flown_laps(plan, laps, stages=0):
     """An itinerary at the start of a stage of a lap, by its triggers."""
     itinerary = begun(plan, (0.0,) * len(plan.parameters))
@@ -200,6 +214,16 @@ def test_a_line_of_a_later_lap_past_its_trigger(lap, off_m):
     x = -115 + 10 * lap + off_m
     _, y = first_change(itinerary, polyline((x, 146 + lap), (x, -80)))
     assert y == pytest.approx(-11 + lap, abs=STEP_M + NANOMETRE)
+
+
+@pytest.mark.parametrize("off_m", [-30, 40])
+def test_a_circle_far_from_the_first_laps(off_m):
+    itinerary = begun(plan_of(TOWER), (), (70.0, 0.0))
+    for _ in range(4):
+        to_next(itinerary)
+    assert (itinerary.cursor.lap, itinerary.cursor.offset_m) == (2, (600, 800))
+    x, y = first_change(itinerary, arc((600, 800), 70 + off_m, -5, 300))
+    assert math.degrees(math.atan2(y - 800, x - 600)) == pytest.approx(90, abs=0.51)
 
 
 @pytest.mark.parametrize("off_m", [-24, 24])

@@ -1,4 +1,4 @@
-"""Ground and the quality U: what it is to be, of laps flown on paper, and the same from a log that is kept in flight."""
+"""Ground and the quality U: what it is to be, of laps on paper, and the same from a log that is kept in flight."""
 
 from __future__ import annotations
 
