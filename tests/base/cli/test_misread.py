@@ -65,22 +65,6 @@ def test_settings_in_other_units(eadp, setting, expected):
     assert refused(eadp(*SHORT, setting), f"; expected {expected}")
 
 
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        (
-            "battery.capacity_ah=850",
-            "850 Ah, which are 1.258e+04 Wh, in an aircraft of 1.2 kg; expected at most 500 Wh/kg",
-        ),
-        ("wind.gust_std_mps=15", "gusts with a standard deviation of 15 m/s, at an airspeed of 15 m/s"),
-    ],
-)
-def test_settings_that_are_possible_and_unlikely(eadp, setting, message):
-    answer = eadp(*SHORT, setting)
-    assert answer.out
-    assert f"--set {setting.partition('=')[0]}:1:1: warning: {message}" in answer.err
-
-
 SURVEY = ("plans/meadow.geojson", "--pattern", "dubins", "--vehicle", "vehicles/foam-wing.yaml")
 CAMERA = {"--altitude": 80, "--sensor-width-mm": 6.3, "--sensor-height-mm": 4.7, "--focal-length-mm": 4.5}
 

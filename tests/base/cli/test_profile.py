@@ -54,19 +54,6 @@ def test_outside_is_refused(run: Run, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_summary_as_text(run: Run, measured: PowerMeasurement) -> None:
-    file = measured("# source: the bench\nfps [1/s],power_w\n2,5\n2,5.5\n10,9\n")
-    code, out, _ = run("profile", file)
-    assert code == 0
-    assert out.splitlines() == [
-        "2 configurations of fps; linear between them",
-        "source: the bench",
-        "fps [1/s]  power [W]  std. dev. [W]  std. error [W]  samples",
-        "        2       5.25           0.35            0.25        2",
-        "       10          9                                       1",
-    ]
-
-
 # the page about it
 
 PAGE = (ROOT / "docs" / "profile.md").read_text(encoding="utf-8")

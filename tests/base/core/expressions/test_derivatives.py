@@ -237,10 +237,6 @@ def test_a_deep_expression_in_a_deep_expression():
     [
         ("1/x", (0.0, 0.0)),
         ("sqrt(x)", (-1.0, 0.0)),
-        ("log(x)", (0.0, 0.0)),
-        ("x^0.5", (-1.0, 0.0)),
-        ("asin(x)", (2.0, 0.0)),
-        ("x^-2", (0.0, 0.0)),
         ("exp(x)", (1e4, 0.0)),
         ("sqrt(x)", (0.0, 0.0)),  # a value, but no gradient
         ("atan2(x, y)", (0.0, 0.0)),

@@ -442,15 +442,10 @@ def read_or_refuse(text):
 @pytest.mark.parametrize(
     ("text", "point"),
     [
-        ("sqrt(x)", (-1.0, 0.0)),
         ("1/x", (0.0, 0.0)),
-        ("log(x*y)", (0.0, 1.0)),
-        ("x^0.5", (-1.0, 0.0)),
         ("exp(x)", (1e4, 0.0)),
         ("x*1e300", (1e300, 0.0)),
         ("x*1e300 - x*1e300", (1e300, 0.0)),  # inf − inf
-        ("x^-1", (0.0, 0.0)),
-        ("asin(x)", (2.0, 0.0)),
     ],
 )
 def test_no_value_at_a_point(text, point):
@@ -519,15 +514,12 @@ def test_constants_that_arise_by_substitution_are_checked(text):
 @pytest.mark.parametrize(
     "text",
     [
-        "0*x",
         "x - x",
         "sin(c1)^2 + cos(c1)^2 - 1",
-        "(x + 1)^2 - x^2 - 2*x - 1",
         "sqrt(c1^2) - abs(c1)",
         "2*sqrt(4900 + c1) - sqrt(19600 + 4*c1)",
         "exp(log(2) + c1) - 2*exp(c1)",
         "0.1*x + 0.2*x - 0.3*x",  # exact, where floats leave 5e-17
-        "1e-9*c1 - c1/1e9",
         "tan(c1) - sin(c1)/cos(c1)",
         "log(0*x + 1)",
     ],

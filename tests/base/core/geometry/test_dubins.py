@@ -152,22 +152,17 @@ R = 20.0
     ("end", "word", "length"),
     [
         ((0, 0, 0), None, 0),
-        ((0, 0, 2 * math.pi), None, 0),
         ((120, 0, 0), None, 120),
         ((-100, 0, 0), None, 100 + 2 * math.pi * R),
         ((0, 2 * R, math.pi), None, math.pi * R),  # touching circles
         ((0, 3 * R, math.pi), "LSL", math.pi * R + R),
-        ((0, -3 * R, math.pi), "RSR", math.pi * R + R),
         ((2 * R, 2 * R, 0), None, math.pi * R),  # a left and a right quarter, circles touching
         ((0, 0, math.pi), None, 7 / 3 * math.pi * R),
         # an omega: the outer turns' centres are w + 2R apart
         ((0, R, math.pi), "RLR", R * (math.pi + 4 * math.acos(3 / 4))),
-        ((0, -R, math.pi), "LRL", R * (math.pi + 4 * math.acos(3 / 4))),
         ((R * math.sin(1), R - R * math.cos(1), 1.0), None, R),  # along one arc
-        ((R * math.sin(1), R * math.cos(1) - R, -1.0), None, R),
         ((R * math.sin(6), R - R * math.cos(6), 6.0), None, 6 * R),
         ((-1e-12, 1e-12, -1e-13), None, 0),  # one pose, but for rounding
-        ((-1.5e-9, 0, 0), None, 0),
         ((120, 1e-12, -1e-13), None, 120),
     ],
 )

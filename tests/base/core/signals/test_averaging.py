@@ -38,18 +38,6 @@ def test_error_of_an_autoregression(phi: float, n: int) -> None:
     assert statistics.median(found) == pytest.approx(exact_error(phi, n), rel=0.12)
 
 
-def test_errors_cover_the_true_mean_as_often_as_they_say() -> None:
-    rng = np.random.default_rng(11)
-    inside, naive = 0, 0
-    for _ in range(300):
-        values = autoregression(0.9, 800, rng)
-        found = average([values])
-        inside += abs(found.mean) <= 1.96 * found.standard_error
-        naive += abs(found.mean) <= 1.96 * found.std / math.sqrt(800)
-    assert 0.88 <= inside / 300 <= 0.99
-    assert naive / 300 < 0.5, "what samples taken as independent would claim"
-
-
 @given(st.lists(sample, min_size=1, max_size=40))
 def test_mean_and_spread_are_those_of_statistics(values: list[float]) -> None:
     found = average([values])

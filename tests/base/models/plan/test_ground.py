@@ -70,27 +70,6 @@ def test_parameters_that_stay_are_seen_with_their_mean_share(share):
     assert log.quality({"c1": 3.0}) == pytest.approx((3 * share + 0.25) / 4, abs=ALGEBRA)
 
 
-def times_at(plan, start, parameters, shares):
-    """When a flight on paper has seen shares of the ground at parameters that stay [s]: from the route's legs."""
-    route = RoutePredictor().route(PlanCursor.start(plan, parameters), start)
-    times_s, _ = route.times_s(SPEED_MPS, (0.0, 0.0))
-    ground, _ = RouteArrays.of([route]).ground(FlownGround(), times_s)
-    seen = np.concatenate(([0.0], np.cumsum(ground))) / ground.sum()
-    return np.interp(shares, seen, np.concatenate(([0.0], np.cumsum(times_s))))
-
-
-@pytest.mark.parametrize("name", ["survey", "two blocks"])
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.6, 0.9])
-def test_ground_that_is_not_reached_counts_0(name, share):
-    plan = survey() if name == "survey" else plan_of(TWO_BLOCKS)
-    start, highest = start_of(plan), parameters_of(plan, 1.0)
-    (stop_s,) = times_at(plan, start, highest, [share])
-    found = on_paper(plan, start, lambda *_: highest, stop_s)[0].quality({})
-    assert found == pytest.approx(share, abs=2e-3)
-    lower = (*highest[:1], 6.0)
-    assert on_paper(plan, start, lambda *_: lower, stop_s)[0].quality({}) < found
-
-
 @pytest.mark.parametrize("stage", [3, 4])
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_change_that_alters_nothing_flown_earns_nothing(stage, share):

@@ -598,13 +598,6 @@ def test_where_a_plan_is_over_against_looking_every_centimetre(seed, slack_m):
         assert found == pytest.approx(expected, abs=0.02)
 
 
-@lru_cache
-def flown_survey(c1):
-    """Stages and seconds that a simulated flight of the survey takes."""
-    outcome = simulated(c1, Wind(), 0.05)
-    return len(outcome.stage_times_s) + 1, outcome.duration_s
-
-
 @pytest.mark.parametrize("c1", [0.0, -110.0, -335.0, -1000.0])
 def test_uncertain_ends_are_where_the_plan_ends_for_each_margin(c1):
     """Beside a route for every margin: the first end that is cleared by as much, or the certain one."""
@@ -627,19 +620,6 @@ def test_uncertain_ends_are_where_the_plan_ends_for_each_margin(c1):
         assert leg == there
         if margin_m <= 0:
             assert flown_m <= found.legs[-1].distance_m + 40
-
-
-def test_at_the_end_to_a_hair_there_are_two_ends():
-    """The published survey at c1 = 0: flown, the plan ends on stage 61; it may take a lap more."""
-    follower, _ = begun(survey(), (0.0, 10.0))
-    course = follower.route((0.0, 10.0), MARGIN_M)
-    assert (len(course.legs), [end.leg for end in course.ends]) == (65, [60])
-    assert abs(course.ends[0].clearance_m) < 0.1
-    assert flown_survey(0.0)[0] == course.ends[0].leg + 1
-    for _ in range(60):
-        course = course.after()
-    assert [end.leg for end in course.ends] == [0]
-    assert course.after().ends == ()
 
 
 class _EachLap(RoutePredictor):

@@ -128,18 +128,3 @@ def test_where_others_tell_what_is_flown():
     first = {index: stages.index(index, 1) if index in stages[1:] else None for index in ahead}
     assert ahead == first
     assert len(stages) > len(set(stages)), "laps"
-
-
-def test_parameters_that_are_known_to_be_in_force():
-    itinerary = PlanExecutor(plan_of(PARTS), (0.0, 10.0), (10.0, 0.0), Rules())
-    itinerary.skip(itinerary.trigger_m)
-    assert itinerary.take_in_force((-400.0, 10.0), itinerary.trigger_m)
-    assert itinerary.parameters == (-400.0, 10.0)
-    last = PlanExecutor(plan_of(PARTS), (0.0, 10.0), (10.0, 0.0), Rules())
-    while last.stages_to(last.stage.index) is not None or last.stages_to(len(plan_of(PARTS).stages)) is not None:
-        last.skip(last.trigger_m)
-    x, y = last.trigger_m
-    for point in ((x, y - 50), (x, y)):
-        assert not last.complete
-        last.stay(*point)
-    assert last.complete

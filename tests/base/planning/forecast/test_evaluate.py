@@ -187,19 +187,6 @@ def test_charge_against_a_battery_that_is_stepped(battery, share):
     assert forecast.soc_end == pytest.approx(soc, abs=within)
 
 
-def test_the_voltages_are_those_of_a_flight_at_maximum_power_down_to_the_reserve():
-    changes = {"capacity_ah": 0.3, **BATTERIES["falling voltage"]}
-    forecasting = Forecasting(survey_inputs(**CALM), battery=changes, objective=Objective(0.2, 0.5))
-    found = forecasting.at(0.4)
-    battery = forecasting.mission.battery
-    low, high = battery.voltage_at(0.2), battery.voltage_at(1.0)
-    assert (np.diff(found.limits.volts) < 0).all()
-    assert low <= found.limits.volts.min() < found.limits.volts.max() <= high
-    assert found.limits.volts[-1] == pytest.approx(low, abs=0.1)
-    plenty = Forecasting(survey_inputs(**CALM), battery={**changes, "capacity_ah": 50.0}, objective=Objective(0.2, 0.5))
-    assert plenty.at(0.4).limits.volts.min() > high - 0.1
-
-
 # --- standard deviations ----------------------------------------------------------------------------------------------
 
 

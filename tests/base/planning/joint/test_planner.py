@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import re
 from typing import NamedTuple
@@ -14,7 +13,6 @@ from common import ROOT, few
 from common.observations import Piloted, measured, observation
 from common.recorder import Recorder, watched
 
-from eadp.api.flight import record_row
 from eadp.api.inputs import load_flight
 from eadp.errors import InputError
 from eadp.io.plan.reader import read_plan
@@ -24,7 +22,7 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
 from eadp.planning.base import SHORT, Mission, PlannerSettings
-from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
+from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, JointPlanner
 from eadp.planning.joint.policy import SETTLED_S
 from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
@@ -109,34 +107,6 @@ def test_path_parameters_change_where_they_are_latched_alone(dropped, tight):
 
 
 # --- records ----------------------------------------------------------------------------------------------------------
-
-
-def test_records_are_in_the_order_of_time_and_written_as_json(dropped):
-    times = [record.time_s for record in dropped.records]
-    assert times == sorted(set(times))
-    assert times[0] == pytest.approx(WARM_UP_S, abs=2 * STEP_S)
-    assert max(later - now for now, later in itertools.pairwise(times)) < 30.0 + 1.0 + 2 * STEP_S, (
-        "at whole multiples of planner.every_s"
-    )
-    for record in dropped.records:
-        row = json.loads(json.dumps(record_row(record, ("c1", "c2")), allow_nan=False))
-        assert set(row["parameters"]) == {"c1", "c2"}
-        assert row["cause"] in (TIME, NEW_STAGE, JUMPED)
-        assert row["reason"]
-        assert -1000 <= row["parameters"]["c1"] <= 0
-        assert 2 <= row["parameters"]["c2"] <= 10
-
-
-def test_records_say_what_came(dropped):
-    """From the loss of charge on, within four of the standard deviations told, or within what a stage's begin takes."""
-    for record in dropped.records:
-        if record.time_s < 100 or record.parameters[0] != dropped.records[-1].parameters[0]:
-            continue
-        late_s = dropped.outcome.duration_s - record.time_s - record.ending.remaining_s
-        assert abs(late_s) < 4 * record.ending.remaining_std_s + 2
-        assert abs(dropped.outcome.soc_final - record.ending.soc_end) < 4 * record.ending.soc_end_std + 0.005
-        assert 0 <= record.ending.reserve_probability <= record.ending.completes_probability <= 1
-        assert record.ending.quality_forecast == pytest.approx(dropped.quality(), abs=0.02)
 
 
 def test_reports_count_what_was_solved(dropped):

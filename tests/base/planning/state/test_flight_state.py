@@ -132,19 +132,6 @@ def test_it_knows_the_flight():
     assert known.climb is None
 
 
-def test_the_ground_it_has_seen_is_that_of_the_metrics():
-    inputs, taken, outcome, _ = survey_flight()
-    known = known_at_end(state_of(inputs, taken), taken)
-    flown, run = known.flown, known.flown.run
-    quality = outcome.parameters.quality({})
-    # the laps before the last one: their mean is U but for the last lap
-    assert flown.value / flown.ground == pytest.approx(quality, abs=0.06)
-    assert run.flown_s > 0
-    weighted = known_at_end(state_of(inputs, taken, weights={"c1": 9.0}), taken)
-    other = outcome.parameters.quality({"c1": 9.0})
-    assert weighted.flown.value / weighted.flown.ground == pytest.approx(other, abs=0.08)
-
-
 # --- what is missing or false -----------------------------------------------------------------------------------------
 
 
