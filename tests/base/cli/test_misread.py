@@ -214,13 +214,6 @@ def test_metres_of_a_grid(eadp, tmp_path):
     assert refused(home, "km from the field; expected 50 km or less")
 
 
-def test_degrees_for_metres(eadp, tmp_path):
-    plan = tmp_path / "placed.plan"
-    plan.write_text(PLACED)
-    answer = eadp("simulate", plan, "--set", "home.position_m=[55.37, 10.43]", "--set", "time_limit_s=1")
-    assert "--set home.position_m:1:1: warning: (55.37, 10.43) m, which are the degrees of the plan's" in answer.err
-
-
 # --- numbers that are printed as edges
 
 

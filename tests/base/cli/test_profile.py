@@ -67,17 +67,6 @@ def test_the_page_shows_what_comes_out(run: Run, monkeypatch: pytest.MonkeyPatch
         assert run(*shlex.split(command)) == (0, shown, "")
 
 
-def test_the_page_names_every_option(run: Run) -> None:
-    options = set(re.findall(r"--[a-z-]+", run("profile", "--help")[1])) - {
-        "--help",
-        "--output",
-        "--sysfs",
-        "--quiet",
-        "--faults",
-    }
-    assert options <= set(re.findall(r"--[a-z-]+", PAGE))
-
-
 # several files
 
 

@@ -190,17 +190,6 @@ def test_a_wind_that_turns_is_followed():
     assert filtered(readings).wind_mps == pytest.approx((3, 1), abs=0.3)
 
 
-def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
-    monkeypatch.setattr(wind, "_gusts_after", lambda gusts, *_: gusts)
-    found, twice = WindFilter(), WindFilter()
-    for _ in range(10):
-        observe(found, (20.0, 0.0), 0.0, 1.0)
-        for _ in range(10):
-            observe(twice, (20.0, 0.0), 0.0, 0.1)
-    assert found.wind_mps == pytest.approx(twice.wind_mps, rel=0.001)
-    assert found.covariance[0] == pytest.approx(twice.covariance[0], rel=0.01)
-
-
 def test_standing_in_the_air_tells_nothing_without_a_heading():
     found = WindFilter()
     before = found.covariance

@@ -152,14 +152,6 @@ def test_many_stages_are_named_by_their_kind(tmp_path):
     assert stage_style(few, 1) == (COLOURS[0], "stage 1 (circle)")
 
 
-def test_the_start_shows_where_the_flight_ends_there(flight):
-    axes = Figure().add_subplot()
-    _draw_path(axes, flight.inputs.world, [*flight.steps[:5], flight.steps[0]])
-    marks = {line.get_label(): line for line in axes.lines}
-    assert marks["start"].get_markerfacecolor() == "none"
-    assert marks["start"].get_markersize() > 2 * marks["end of the flight"].get_markersize()
-
-
 def test_the_path_is_drawn_with_the_wind(flight):
     axes = Figure().add_subplot()
     _draw_path(axes, flight.inputs.world, flight.steps)

@@ -121,12 +121,6 @@ def test_sections_of_planners_that_do_not_fly_are_checked():
 # --- angles
 
 
-def test_both_angles_of_a_wind_give_the_same_bits():
-    for from_deg, towards_deg in ((180, 90), (270, 0), (0, 270), (90, 180)):
-        one = read_scenario(None, {"wind.speed_mps": 5, "wind.from_deg": from_deg}).keys.wind.steady_mps
-        assert one == read_scenario(None, {"wind.speed_mps": 5, "wind.towards_deg": towards_deg}).keys.wind.steady_mps
-
-
 def test_setting_one_direction_of_the_wind_removes_the_other(tmp_path):
     path = tmp_path / "s.yaml"
     path.write_text("schema: eadp.scenario/1\nwind: {speed_mps: 5, towards_deg: 90}\n")

@@ -679,15 +679,6 @@ def test_a_stage_may_be_left_anywhere_and_the_next_ones_lie_where_they_would():
     assert led.cursor.offset_m == flown.cursor.offset_m == pytest.approx(shift_at(plan, (0.0, 10.0)))
 
 
-def test_how_many_stages_lie_between():
-    itinerary = begun(survey(), (0.0, 10.0))
-    assert [itinerary.stages_to(index) for index in (0, 1, 2, 3, 4, 5)] == [None, 4, 1, 2, 3, None]
-    itinerary.skip(itinerary.trigger_m)
-    assert [itinerary.stages_to(index) for index in (1, 2, 3, 4)] == [3, 4, 1, 2]
-    once = begun(plan_of("0.1; 90; x\n0, 400\n0.1; 90; x - 1\n1, 500\n"))
-    assert [once.stages_to(index) for index in (1, 2, 3)] == [None, 1, None]
-
-
 def test_a_stage_that_is_told_to_go_on_is_not_left_but_the_plans_end_counts():
     itinerary = begun(survey(), (0.0, 10.0))
     trigger = itinerary.trigger_m

@@ -24,8 +24,6 @@ from eadp.core import compiled
 from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
@@ -169,13 +167,6 @@ def test_curves_and_explicit_plans(text):
     plan = plan_of(text)
     follower, start = begun(plan, ())
     alike(follower.route(()).legs, nominal_legs(plan, (), start), MILLIMETRE)
-
-
-def test_the_published_plan(reference):
-    plan = read_plan(read_text(str(reference / "plans/plan_specification.pln")))[0]
-    for other in (plan, plan.laps()):
-        follower, start = begun(other, ())
-        alike(follower.route(()).legs, nominal_legs(other, (), start))
 
 
 def test_a_plan_whose_end_is_not_reached_is_refused():

@@ -13,15 +13,6 @@ from eadp.models.plan.trace import default_start, nominal_legs, trace, varied_le
 ON_CIRCLE = SHORT.replace("%: computations fps\n", "").replace("[2, 10]\n", "")
 
 
-def test_a_lap_is_two_half_circles_and_two_lines():
-    legs = nominal_legs(plan_of(ON_CIRCLE), (-500.0,))
-    r2 = math.sqrt(4400)
-    second = [leg.length_m for leg in legs if leg.lap == 1]
-    assert second == pytest.approx([math.pi * r2, 146, math.pi * 75, 146])
-    first = [leg.length_m for leg in legs if leg.lap == 0]
-    assert first[0] == pytest.approx(math.pi * r2 / 2), "from a quarter before its trigger"
-
-
 def test_default_starts():
     (x, y), heading = default_start(plan_of("0.1; 90; x\n0, 400\n"), ())
     assert (x, y, heading) == pytest.approx((0, 300, math.pi / 2))

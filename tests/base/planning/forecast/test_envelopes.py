@@ -68,15 +68,6 @@ def test_the_envelope_is_the_upper_hull(points):
         )
 
 
-def test_collinear_duplicate_and_decreasing():
-    powers, values = np.array([1.0, 2.0, 3.0, 3.0, 4.0, 2.0]), np.array([0.0, 1.0, 2.0, 2.0, 1.5, 1.0])
-    envelope = concave_envelope(powers, values, numbered(6))
-    assert envelope.powers_w.tolist() == [1, 3]
-    assert envelope.values.tolist() == [0, 2]
-    falling = concave_envelope(np.array([1.0, 2.0, 3.0]), np.array([2.0, 1.0, 0.0]), numbered(3))
-    assert falling.powers_w.tolist() == [1]
-
-
 # --- envelopes of a mission's stages ----------------------------------------------------------------------------------
 
 ONE = """\

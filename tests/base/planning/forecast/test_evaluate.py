@@ -9,7 +9,6 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from common import few
 from common.forecasts import CALM, Forecasting, survey_inputs
 
 from eadp.errors import PathUndefined
@@ -93,32 +92,6 @@ def test_routes_that_cannot_be_flown_are_left_out_and_numbered():
 
 
 # --- times ------------------------------------------------------------------------------------------------------------
-
-
-def stepped_s(leg, airspeed_mps, wind_mps, step_m=0.02):
-    """Time along a leg, a wind triangle every two centimetres."""
-    count = max(1, math.ceil(leg.distance_m / step_m))
-    (sx, sy), (ox, oy) = leg.start_m, leg.offset_m
-    share = leg.distance_m / leg.length_m
-    points = list(leg.track.points((sx - ox, sy - oy), leg.distance_m, share, count))
-    headings = [heading for _, heading in points]
-    total = 0.0
-    for one, other in itertools.pairwise([0.0, *headings][1:] if len(headings) > count else [headings[0], *headings]):
-        course = one + (math.remainder(other - one, 2 * math.pi)) / 2
-        along = wind_mps[0] * math.cos(course) + wind_mps[1] * math.sin(course)
-        across = -wind_mps[0] * math.sin(course) + wind_mps[1] * math.cos(course)
-        total += leg.distance_m / count / (along + math.sqrt(airspeed_mps**2 - across**2))
-    return total
-
-
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("wind_mps", few([(0.0, 0.0), WIND, (-6.0, 5.0)], 2))
-def test_times_against_a_fine_integration(wind_mps):
-    forecasting = Forecasting(survey_inputs(), wind_mps=wind_mps)
-    found = forecasting.at(0.3)
-    expected = [stepped_s(leg, forecasting.mission.cruise_mps, wind_mps) for leg in found.routes[0].legs]
-    assert found.load.times_s == pytest.approx(expected, rel=1e-4)
-    assert found.totals.seconds[0] == pytest.approx(sum(expected), rel=1e-4)
 
 
 def test_the_first_leg_counts_as_far_as_it_is_left_and_the_ratio_of_times_scales_all():

@@ -40,15 +40,6 @@ def test_every_place_is_filled_as_its_linear_program(seed):
         assert partial.sum() <= 1, "one increment in part"
 
 
-@pytest.mark.parametrize("seed", few(range(6), 3))
-def test_a_legs_increments_come_in_order(seed):
-    knapsack = knapsack_of(np.random.default_rng(seed), 3)
-    for use, gain, own in zip(knapsack.use, knapsack.gain, fill_greedy(knapsack).shares, strict=True):
-        taken = use > 0
-        falls = np.diff(gain[taken] / use[taken]) < -ROUNDING  # equal ones are one increment: their order is rounding
-        assert (np.diff(own[taken])[falls] <= ROUNDING).all()
-
-
 def test_too_little_charge_is_infeasible_and_nothing_is_taken():
     knapsack = one_of([[0.1, 0.2], [0.3, 0.0]], [[2.0, 1.0], [1.0, 0.0]], 0.1 - 1e-6, 0.1, 0.3)
     found = fill_greedy(knapsack)
@@ -73,10 +64,3 @@ def test_increments_that_take_nothing_come_first():
     assert fill_greedy(knapsack).shares.ravel() == pytest.approx([0, 1, 0], abs=1e-7)
     more = fill_greedy(knapsack._replace(available=np.array([0.2])))
     assert more.shares.ravel() == pytest.approx([1, 1, 0.5], abs=1e-7)
-
-
-def test_what_shares_add_up_to():
-    knapsack = one_of([[0.1], [0.3]], [[2.0], [1.0]], 1.0, 0.5, 0.25)
-    found = knapsack.filling(np.array([[1.0], [0.5]]))
-    assert (found.use[0], found.value[0]) == pytest.approx((0.75, 2.75))
-    assert found.feasible[0]

@@ -59,14 +59,6 @@ def followed(readings, drained, jumps=None):
     return charge, np.array(found)
 
 
-def test_an_exact_gauge_is_believed():
-    true = 1 - 1e-4 * np.arange(2000)
-    charge, found = followed(true, 1e-4, jumps := [])
-    assert found == pytest.approx(true, abs=1e-12)
-    assert charge.ahead.var_soc < 1e-12
-    assert jumps == []
-
-
 @pytest.mark.parametrize("drop", [0.02, 0.06, 0.5])
 def test_a_jump_of_an_exact_gauge_is_believed_at_once(drop):
     true = 1 - 1e-4 * np.arange(400) - np.where(np.arange(400) >= 150, drop, 0)
@@ -264,15 +256,6 @@ def test_a_gauge_that_rounds_is_above_its_readings_by_what_a_full_battery_shows(
     assert math.sqrt(np.mean(squares)) < 0.003
 
 
-def test_a_gauge_whose_changes_are_no_multiples_of_the_first_has_no_steps():
-    """The mean of a gauge with noise is the charge, whatever its first change was."""
-    charge, rng = ChargeFilter(UNIT), np.random.default_rng(1)
-    observe(charge, 1.0, 0.0)
-    for k in range(1, 401):
-        observe(charge, 1 - 1e-3 * k + rng.normal(0, 0.004), 1e-3)
-    assert charge.soc == pytest.approx(0.6, abs=0.001)
-
-
 # --- the algebra ------------------------------------------------------------------------------------------------------
 
 
@@ -360,22 +343,6 @@ def test_before_anything_is_known_there_is_no_charge_and_the_first_reading_is_it
     assert math.isnan(charge.soc)
     assert not observe(charge, 0.8, 0.1)
     assert charge.soc == 0.8
-
-
-def test_a_first_reading_holds_whatever_the_charge_at_the_start_was():
-    charge = ChargeFilter(UNIT, start_soc=0.9)
-    observe(charge, math.nan, 0.1)
-    assert charge.soc == pytest.approx(0.8)
-    assert not observe(charge, 0.7, 0.01)
-    assert charge.soc == 0.7
-    observe(charge, 0.69, 0.01)
-    assert charge.soc == pytest.approx(0.69, abs=1e-9)
-
-
-def test_a_battery_that_nothing_drains_keeps_its_charge_without_a_gauge():
-    charge = ChargeFilter(UNIT._replace(per_as=0.0), start_soc=0.9)
-    charge.ingest([math.nan] * 5, [40.0] * 5, [1.0] * 5)
-    assert (charge.soc, charge.ahead.var_soc) == (0.9, 0.0)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])

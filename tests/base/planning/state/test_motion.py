@@ -49,16 +49,6 @@ def test_short_spells_are_left_out_and_a_spell_ends_with_its_leg():
     assert 36 < motion.known().level_w < 40
 
 
-def test_a_slow_change_is_followed():
-    motion = MotionPower(36.0, FixedWing())
-    for k in range(600):  # from 36 to 42 W in 50 minutes
-        spells(motion, [36 + k / 100], [0.0])
-    assert motion.known().level_w == pytest.approx(42, abs=3)
-    steady = MotionPower(36.0, FixedWing())
-    spells(steady, [36.0] * 600, [0.0] * 600)
-    assert energy_variance_j2(motion, 100, 0) > energy_variance_j2(steady, 100, 0)
-
-
 def test_the_slope_is_never_below_0():
     motion = MotionPower(36.0, FixedWing())
     spells(motion, [36.0, 10.0] * 20, [0.0, 0.3] * 20)

@@ -33,12 +33,6 @@ def test_the_ratio_is_a_bayesian_regression(count):
     assert found.variance == pytest.approx(covariance[0, 0], rel=ALGEBRA)
 
 
-def test_before_anything_is_flown():
-    fresh = TimeRatio()
-    assert fresh.ratio == 1
-    assert fresh.variance == pytest.approx(time_ratio.RATIO_STD**2)
-
-
 def test_the_noise_of_a_gust_that_stays():
     # a position that a coloured wind of σ moves: variance 2 τ σ² t for t ≫ τ
     rng, gust, step, leg = np.random.default_rng(0), 1.0, 0.5, 100.0
