@@ -1,7 +1,5 @@
 """A package that adds to eadp, the one of docs/examples: installed beside it, found by its entry points, and flown."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

@@ -1,7 +1,5 @@
 """The nodes of ros/ on a recorded flight: that of ROS 1 under the real one, that of ROS 2 beside stand-ins."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import json

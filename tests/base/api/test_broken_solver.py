@@ -1,7 +1,5 @@
 """Flights with an OSQP that fails, returns its start or nonsense: visible in the summary, as safe as the fallback."""
 
-from __future__ import annotations
-
 import pytest
 from broken_osqp import BROKEN, BUG, broken_osqp
 from common import ROOT, few

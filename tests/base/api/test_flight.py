@@ -1,7 +1,5 @@
 """A flight's folder: the planner's decisions line by line, what was forecast before take-off, the figure with marks."""
 
-from __future__ import annotations
-
 import csv
 import json
 

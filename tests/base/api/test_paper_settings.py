@@ -1,7 +1,5 @@
 """The papers' settings in flights: trade-offs in every row, costs, gains and the subroutine; what contradicts them."""
 
-from __future__ import annotations
-
 import pytest
 from common import ROOT
 

@@ -1,7 +1,5 @@
 """What an autopilot does on its own is the same at every door: export, its parameters, forecast and sorties."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

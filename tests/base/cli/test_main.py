@@ -1,7 +1,5 @@
 """The frame of the command line: exit codes, start-up, help whose examples work."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Compiled code beside the plain function, and the door to it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

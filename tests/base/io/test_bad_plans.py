@@ -1,7 +1,5 @@
 """Plans that cannot be read, each with the exact error that it must give. tests/regenerate.py rewrites those."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

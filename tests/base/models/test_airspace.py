@@ -1,7 +1,5 @@
 """Where a flight was that it should not have been: against sampling, without shapely."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

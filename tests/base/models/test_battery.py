@@ -1,7 +1,5 @@
 """The replayed trace; a voltage that falls with the charge."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

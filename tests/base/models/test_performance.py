@@ -1,7 +1,5 @@
 """What an aircraft can do, beside the closed forms of textbooks, worked here from a parabolic polar alone."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Aircraft models: speeds, powers and faults, worked by hand."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Limits of the battery's power in flights: kept to, and named."""
 
-from __future__ import annotations
-
 import pytest
 
 from eadp.api.flight import fly_flight

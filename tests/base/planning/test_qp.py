@@ -1,7 +1,5 @@
 """The door to OSQP: solutions by their KKT conditions, every status read and counted, no trap sprung."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Planners from their observations alone: what they decide, when, and what they fall back to."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The aircraft: against a transcription of the published step, and against physics where it claims any."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

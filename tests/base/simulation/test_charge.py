@@ -1,7 +1,5 @@
 """The battery drained in flight, beside the differential equation solved by scipy."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

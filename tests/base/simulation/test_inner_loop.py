@@ -1,7 +1,5 @@
 """Flights by the inner loop: compiled beside plain, whatever the lengths of its runs."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Paths that bend tighter than the aircraft can turn: forecast as they are flown, and named."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensors: noise as large as is said, delay, drop-outs as often and as long as is said; reproducible."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import fields
 

@@ -1,7 +1,5 @@
 """A wind that changes in flight."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """Knapsacks at random, and their exact answers."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import linprog
 

@@ -1,7 +1,5 @@
 """Value, gradient and Hessian of path functions, against differences in 60 digits."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath

@@ -1,7 +1,5 @@
 """Expressions as data: grammar, canonical text, values, limits, and that nothing in a text is ever run."""
 
-from __future__ import annotations
-
 import ast
 import math
 import operator

@@ -1,7 +1,5 @@
 """The drag polar and level turns, beside numbers worked out by hand and by numerical minimisation."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

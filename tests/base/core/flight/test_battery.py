@@ -1,7 +1,5 @@
 """Current and charge of a Rint battery against the circuit's own equation, and against integration."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

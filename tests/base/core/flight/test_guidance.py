@@ -1,7 +1,5 @@
 """The guiding vector field against the drafts' matrices, differences, and where it leads."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flight in wind: the triangle by complex numbers, banks by differences, the filter by batches."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

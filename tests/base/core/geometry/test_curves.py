@@ -1,7 +1,5 @@
 """Kinds of paths, lines and circles as travelled, angles swept, lengths along curves."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

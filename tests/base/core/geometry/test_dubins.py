@@ -1,7 +1,5 @@
 """Shortest paths with bounded turns: by quadrature of the motion, against other paths, and in wind by the triangle."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

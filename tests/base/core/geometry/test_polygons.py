@@ -1,7 +1,5 @@
 """Rings: area, what is superfluous, and what makes them no field, beside shapely's own word."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

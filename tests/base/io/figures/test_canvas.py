@@ -1,7 +1,5 @@
 """Texts of figures lie within the figure, off one another, and change no axes, however long they are."""
 
-from __future__ import annotations
-
 import pytest
 from matplotlib.text import Text
 

@@ -1,7 +1,5 @@
 """The pictures of a flight: its own, and the letter's figures of it."""
 
-from __future__ import annotations
-
 import itertools
 from contextlib import contextmanager
 

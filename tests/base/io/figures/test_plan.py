@@ -1,7 +1,5 @@
 """The picture of a plan: the range of its path parameters on every lap, and the names of stages and points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import ROOT

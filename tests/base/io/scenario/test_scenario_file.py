@@ -1,7 +1,5 @@
 """Scenario files: the estimator's keys, the description of every key, angles."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 from common import ROOT

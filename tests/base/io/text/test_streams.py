@@ -1,7 +1,5 @@
 """Text in, files out: encodings, limits, and writes that happen whole or not at all."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

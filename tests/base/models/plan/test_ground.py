@@ -1,7 +1,5 @@
 """Ground and the quality U: what it is to be, of laps on paper, and the same from a log that is kept in flight."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

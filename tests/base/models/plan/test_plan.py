@@ -1,7 +1,5 @@
 """Boxes, stages and plans: what they answer about parameters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Several routes in flat arrays against loops over each route and over cursors."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

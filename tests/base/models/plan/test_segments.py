@@ -1,7 +1,5 @@
 """Plans of parts: read, walked, flown; variables that change from lap to lap; what cannot be read."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Stages as sympy objects, against the compiled derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy

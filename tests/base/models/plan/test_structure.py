@@ -1,7 +1,5 @@
 """n and d(c) found in explicit stages."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """The nominal flight against hand-worked lengths."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Altitudes and airspeeds of stages: the flight by its energy, the forecast by the flight."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

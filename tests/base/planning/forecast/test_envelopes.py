@@ -1,7 +1,5 @@
 """Envelopes of configurations: the hull by brute force, and each stage's own configurations in plain loops."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

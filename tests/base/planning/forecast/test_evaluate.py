@@ -1,7 +1,5 @@
 """Evaluations against plain loops, fine integration, stepped batteries and draws."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The charge at the end as a mixture of normal distributions, against draws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

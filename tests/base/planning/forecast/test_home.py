@@ -1,7 +1,5 @@
 """The charge that is spare at home, against the two equations of the battery along a turn and a line."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The knapsacks of many places against linear programs, one place at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import few

@@ -1,7 +1,5 @@
 """Speed to fly: the law of power against airframes, the choice against a continuous minimum, flights that slow."""
 
-from __future__ import annotations
-
 import ast
 import math
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """What the joint planner keeps to in flights: the reserve's probability, the first decision, its forecasts."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

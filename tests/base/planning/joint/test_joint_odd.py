@@ -1,7 +1,5 @@
 """The joint planner on odd plans and in odd states, from its observations alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common.observations import Piloted, observation

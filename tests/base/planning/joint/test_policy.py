@@ -1,7 +1,5 @@
 """The hysteresis: when computations fall and rise, and what a change of the path has to gain."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is forecast before take-off against the flight that is then simulated."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

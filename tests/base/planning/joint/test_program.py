@@ -1,7 +1,5 @@
 """The program of the computations: OSQP's answer against linear programs, and what fails is counted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import few

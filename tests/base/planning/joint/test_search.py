@@ -1,7 +1,5 @@
 """The search for path parameters against brute force over fine grids, on missions made up and on routes."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 

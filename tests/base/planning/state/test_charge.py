@@ -1,7 +1,5 @@
 """The filter of the charge: the Kalman filter with matrices, gauges of all kinds, calibration over many flights."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

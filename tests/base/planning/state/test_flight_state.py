@@ -1,7 +1,5 @@
 """The state of a flight: it depends on its readings, and neither on when it is asked nor on their batches."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """A level that may step: found soon and rarely by mistake; its slopes by the textbook."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

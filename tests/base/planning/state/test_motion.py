@@ -1,7 +1,5 @@
 """The motion's power: before a window, within one, and in gusts that last."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The gate of power readings, and what false ones do to a flight."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

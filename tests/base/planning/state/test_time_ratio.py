@@ -1,7 +1,5 @@
 """The ratio of flown to forecast times: regression by its textbook formulas, calibration over many flights."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
