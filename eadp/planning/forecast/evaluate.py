@@ -224,6 +224,16 @@ class Evaluation:
         learned = self.evaluator.quantile * (self.std - self.final_std)
         return self.knapsack._replace(available=self.knapsack.available + learned)
 
+    @property
+    def with_loss(self) -> Knapsack:
+        """The knapsack that leaves the charge of a first sudden loss, too.
+
+        At places where one is to be expected with more than the probability that the reserve may be missed.
+        """
+        risk = 1.0 - np.exp(-self.evaluator.losses(self.known, self.totals.seconds))
+        expected = (risk > 1.0 - self.evaluator.objective.probability) & (self.known.charge.losses == 0)
+        return self.knapsack._replace(available=self.knapsack.available - LOSS * expected)
+
     def left_over(self, filling: Filling) -> float:
         """State of charge available in `adaptive` beyond the use of a filling; for an evaluation of one place."""
         return float(self.adaptive.available[0] - filling.use[0])
