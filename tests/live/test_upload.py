@@ -22,7 +22,7 @@ from eadp.errors import InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, wanted_parameters
 from eadp.exchange.items import ITEMS_LIMIT, MissionItem
 from eadp.exchange.path import PlannedPath, planned_sections
-from eadp.exchange.writer import MappedItem, mapped_items, mission_items, read_items
+from eadp.exchange.writer import mapped_items, mission_items, read_items
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Text
@@ -103,7 +103,7 @@ def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tm
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("refuses", [(), ("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")])
+@pytest.mark.parametrize("refuses", [(), ("MISSION_COUNT",)])
 def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path, refuses):
     """The items flown are of c1 = 0: in force where the new mission is refused, else those of before it."""
     path = tmp_path / "log.jsonl"
@@ -384,7 +384,7 @@ def test_acks_of_others_end_no_upload(inputs, mission, lines):
 def test_after_a_kill_before_the_upload_it_is_made(inputs, mission, lines, tmp_path):
     path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.sources, {})
     log = ReplanLog(path, kept)
-    first = Flying(inputs, mission, log, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")).fly(lines[:12])
+    first = Flying(inputs, mission, log, refuses=("MISSION_COUNT",)).fly(lines[:12])
     log.close()
     assert first.decisions[-1]["parameters"]["c1"] < 0
     log = ReplanLog(path, kept)
@@ -401,7 +401,7 @@ def test_an_autopilot_that_does_not_answer_is_said(inputs, mission):
 
 
 def test_a_refused_mission_is_said_and_the_old_one_stays(inputs, mission, lines):
-    flown = Flying(inputs, mission, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")).fly(lines)
+    flown = Flying(inputs, mission, refuses=("MISSION_COUNT",)).fly(lines)
     assert any("the old one is kept" in text for text in flown.said)
     assert flown.holder.items[1:] == mission[1]
     assert not any("verified" in text for text in flown.said)
@@ -498,22 +498,6 @@ def test_a_log_of_a_mission_with_another_number_of_items_has_the_stage_by_positi
     assert [fault.message for fault in faults if fault.severity == "warning"] == [
         "another mission than that of --items is flown: the stage is found by the position"
     ]
-
-
-def test_a_partial_list_that_is_refused_is_followed_by_the_whole(inputs, mission, lines, monkeypatch):
-    """As many items as before, moved a little."""
-
-    def moved(_layout, held, mapped, _planned, **_):
-        return 10, [
-            MappedItem(item._replace(parameters=(*item.parameters[:6], 61.0)), old.first, old.last, (-1.0,))
-            for old, item in zip(mapped[10:], held[10:], strict=True)
-        ]
-
-    monkeypatch.setattr(RestLayout, "after", moved)
-    flown = Flying(inputs, mission, refuses=("MISSION_WRITE_PARTIAL_LIST",)).fly(lines, current=True)
-    kinds = [kind for kind in flown.holder.kinds if kind in ("MISSION_WRITE_PARTIAL_LIST", "MISSION_COUNT")]
-    assert kinds[:2] == ["MISSION_WRITE_PARTIAL_LIST", "MISSION_COUNT"]
-    assert any("uploaded and verified" in text for text in flown.said)
 
 
 class Tears(MissionHolder):
