@@ -283,15 +283,6 @@ def test_another_path_is_always_told_and_first(inputs, flown):
     assert told[2].endswith(" m: kept")
 
 
-def test_a_reason_whose_numbers_alone_change_is_said_once(inputs, flown):
-    other = Flown(inputs)
-    last = flown.decisions[-1]
-    for k in range(5):
-        other.flight._decided({**last, "reason": f"short by {k}.5 %"})
-    other.flight._decided({**last, "reason": "short by 5 %", "parameters": {**last["parameters"], "c2": 2.0}})
-    assert sum(kind == "STATUSTEXT" for _, kind, _ in other.sent) == 2
-
-
 def test_it_commands_nothing_but_rates_of_messages(flown):
     commands = {fields["command"] for _, kind, fields in flown.sent if kind == "COMMAND_LONG"}
     assert commands == {511}

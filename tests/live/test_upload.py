@@ -30,7 +30,7 @@ from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.mavlink import Codec
 from eadp.live.messages import ASKED, WANTED
 from eadp.live.mission import ITEM_TRIES, RECHECK_S, MissionClient, Outgoing, Received, RestLayout, equal_items
-from eadp.live.replanner import ReplanLog, Replanner, hash_of
+from eadp.live.replanner import ReplanLog, hash_of
 from eadp.models.plan.trace import nominal_legs, nominal_route
 
 
@@ -126,13 +126,6 @@ def test_another_mission_is_left_alone(inputs, mission, lines):
     assert flown.holder.writes == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("lost", [1, 4])
-def test_messages_that_are_lost_are_sent_again(inputs, mission, lines, lost):
-    flown = Flying(inputs, mission, lost=lost).fly(lines)
-    assert any("uploaded and verified" in text for text in flown.said)
-
-
 class Lossy(MissionHolder):
     """One of which an answer is lost: the first at which `loses` holds."""
 
@@ -226,21 +219,6 @@ def test_a_lost_answer_does_not_lose_the_item(inputs, mission, lines):
     flown.fly(lines, current=True)
     assert any("uploaded and verified" in text for text in flown.said)
     assert flown.holder.current == 3
-
-
-@pytest.mark.slow
-def test_what_is_uploaded_is_what_was_laid_out(inputs, mission, lines, monkeypatch):
-    """While a parameter is held the rest is laid out with that, which is not the one decided: it is sent again."""
-    held, rest = -100.0, Replanner.rest
-
-    def rest_held(replanner):
-        planned = rest(replanner)
-        return planned._replace(parameters=tuple((held, *values[1:]) for values in planned.parameters))
-
-    monkeypatch.setattr(Replanner, "rest", rest_held)
-    flown = Flying(inputs, mission).fly(lines[:12])
-    assert flown.decisions[-1]["parameters"]["c1"] != held
-    assert sum("uploaded and verified" in said for said in flown.said) > 1
 
 
 def test_items_ahead_with_other_parameters_are_replaced(inputs, mission, lines, replaced, tmp_path):
@@ -537,27 +515,6 @@ def test_an_upload_that_is_interrupted_is_sent_again(inputs, mission, after):
     assert {each.parameters[0] for each in flown.flight._lines.items if each.first > 4} == {decided}
 
 
-@pytest.mark.slow
-def test_the_right_mission_sent_again_is_known(inputs, mission):
-    """As many items as before: other ones, and then those of --items again, from a ground station."""
-
-    class Changed(Flying):
-        def _give(self, frame):
-            if 135 < self.now_s < 180:
-                self.holder.items[1:] = [(c, f, (*p[:4], p[4] + 0.001, *p[5:])) for c, f, p in mission[1]]
-            elif self.now_s >= 180 and self.seen is None:
-                self.holder.items[1:] = mission[1]
-                self.seen = self.now_s
-            super()._give(frame)
-
-    Changed.seen = None
-    flown = Changed(inputs, mission, upload=False).fly(recorded()[:100], current=True)
-    held = [text for text in flown.said if "mission of --items" in text or "another mission" in text]
-    # read again each minute, and once it is another each 10 s
-    assert ["autopilot holds" in text for text in held] == [True, False, True]
-    assert flown.flight._lines.items is not None
-
-
 CAMERA = """\
 %: origin 55.37 10.43
 %: command 206 15 0 1 0 0 0 0
@@ -624,12 +581,3 @@ def test_parameters_that_disagree_are_said_once(inputs, mission, lines, older):
     asked = flown.holder.kinds.count("PARAM_REQUEST_READ")
     assert asked <= 2 * ASKED * len(wanted_of(inputs))
     assert sum("forecast does not hold" in m.fields["text"] for m in flown.sent if m.kind == "STATUSTEXT") == 1
-
-
-def test_parameters_that_agree_are_not_said(inputs, mission, lines):
-    flown = Flying(inputs, mission)
-    wanted = wanted_of(inputs)
-    flown.holder.parameters = {each.name: 0.0 if math.isnan(each.value) else each.value for each in wanted}
-    flown.fly(lines)
-    assert flown.holder.kinds.count("PARAM_REQUEST_READ") == len(flown.holder.parameters)
-    assert not any("forecast does not hold" in text for text in flown.said)

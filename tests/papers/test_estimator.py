@@ -525,18 +525,6 @@ def test_the_published_filter_follows_readings_further_apart(every_s):
     assert np.max(np.abs(estimator.state_w)) < 2 * STATE_W[0]
 
 
-def test_the_published_filter_takes_a_gap_in_steps_of_a_hundredth():
-    at_once, by_steps = (PublishedEstimator(EstimatorSettings()) for _ in range(2))
-    for estimator in (at_once, by_steps):
-        estimator.end_lap(40.0)  # a period of 40 s, which does not grow
-        for i in range(1, 101):
-            estimator.observe(40.0 + 0.01 * i, float(signal_w(0.01 * i)))
-    at_once.observe(43.0, None)
-    for i in range(1, 201):
-        by_steps.observe(41.0 + 0.01 * i, None)
-    assert at_once.state_w == pytest.approx(by_steps.state_w, abs=ROUNDING)
-
-
 # --- estimates
 
 
