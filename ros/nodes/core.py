@@ -56,7 +56,7 @@ class Core:
         warn: Callable[[str], None],
     ) -> None:
         inputs, items = load_flight(given["plan"], scenario=given["scenario"]), given.get("items") or None
-        mission, plan = inputs.mission, inputs.mission.plan
+        plan = inputs.mission.plan
         self._items = None if items is None else read_items(items, plan.names[: plan.path_count])
         of_plan = plan.parameters[plan.path_count :]
         self._computations = {each.label if each.label.isidentifier() else each.name: each for each in of_plan}
