@@ -222,7 +222,6 @@ def test_a_transient_is_left_out(run: Run, tmp_path: Path) -> None:
         (["--from", "900"], "--from:1:1: error: leaves nothing of the log; expected a time within its 269.5 s"),
         (["--from", "-1"], "--from:1:1: error: no time of a log; expected a number of seconds, 0 or more"),
         (["--to", "0.1"], f"{log}:1:1: error: 1 samples are too few"),
-        (["--airspeed", "15"], "--airspeed:1:1: error: no speed of a plan's lap"),
     ):
         code, out, err = run("fit", str(log), *arguments)
         assert (code, out) == (2, "")
