@@ -199,7 +199,10 @@ class LinkFlight:
             begins = first or lost or (values["armed"] and not autopilot.armed)
             self._take_heartbeat(values, first=first)
         if message.kind == "MISSION_CURRENT":
+            autopilot.judge(values["valid"], now_s)
             self._count_items(values["item_count"], now_s)
+        if values.get("said") is not None:
+            autopilot.read_text(values["said"], now_s)
         if self._check is not None and values.get("parameter") is not None:
             name, *number = values["parameter"]
             if (value := self._check.take(name, *number)) is not None:
@@ -318,7 +321,11 @@ class LinkFlight:
                 case Noted(text):
                     self._pilot.note(text)
                 case Holds(items):
-                    self._pilot.note(f"the autopilot holds the mission of --items: {items} items")
+                    holds = f"the autopilot holds the mission of --items: {items} items"
+                    if refusal := self._autopilot.refusal:
+                        self._pilot.tell(f"{holds}, and refuses it: {refusal}")
+                    else:
+                        self._pilot.note(holds)
                 case Mapped(mapped):
                     self._map(mapped)
 
