@@ -67,7 +67,6 @@ class PathKeys(TypedDict):
     seam_m: float | None
     swath_m: float
     lead_in_m: float
-    overshoot_m: float
     min_radius_m: float | None
     c1: list[float] | None
     at_lowest_c1: _LowestKeys

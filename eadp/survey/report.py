@@ -202,7 +202,6 @@ class CoverageReport:
             "seam_m": self.seam_m,
             "swath_m": self.motion.swath_m,
             "lead_in_m": self.motion.lead_in_m,
-            "overshoot_m": self.motion.overshoot_m,
             "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
             "c1": [least.c1, full.c1] if least is not full else None,
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
@@ -256,8 +255,8 @@ class CoverageReport:
             lines.append(f"laps       one less in each block from a spacing of {self._steps_text} m on")
         tightest = min(end.min_radius_m for end in self.ends)
         wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
-        beyond = f"laps turn {self.motion.beyond_m:g} m farther out" if blocks else self.motion.beyond_text
-        lines.append(f"turns      {wide}{f'; {beyond}' if self.motion.beyond_m else ''}")
+        lead_in = f"; straight for {self.motion.lead_in_m:g} m before each line" if self.motion.lead_in_m else ""
+        lines.append(f"turns      {wide}{lead_in}")
         if not blocks:
             lines.append(f"spacing    {FIXED_SPACING}")
         return [*lines, self.motion.wind_text]

@@ -60,7 +60,7 @@ def test_a_field_of_one_line_is_covered_with_every_option(done, eadp, tmp_path, 
         ("--home", home),
         ("--home", home, "--landing", landing, "--altitude", "50"),
         ("--home", home, "--takeoff", "90", "--altitude", "60"),
-        ("--home", home, "--wind", "5,270", "--lead-in", "20", "--overshoot", "10"),
+        ("--home", home, "--wind", "5,270", "--lead-in", "20"),
         ("--holes", "avoid"),
         ("--turns-off", "--profile", profile),
     ):
