@@ -294,7 +294,7 @@ class CoverageTask:
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
         pattern, lands = options.pattern, self.landing is not None
         if self.terrain is not None:
-            pattern = self.terrain.pattern(pattern, self.field, lands=lands)
+            pattern = self.terrain.pattern(pattern, lands=lands)
         return CoverageRequest(
             self.field,
             self.motion,

@@ -64,7 +64,6 @@ class PathKeys(TypedDict):
     time_s: float
     lines: int
     spacing_m: list[float | None]
-    seam_m: float | None
     swath_m: float
     lead_in_m: float
     min_radius_m: float | None
