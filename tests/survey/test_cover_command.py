@@ -13,7 +13,6 @@ from common.answers import refused
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.io.figures.canvas import COLOURS
-from eadp.survey.options import wind_vector_mps
 
 FLAGS = ("--min-radius", "30", "--swath", "30")
 BOX = "x_m,y_m\n0,0\n400,0\n400,300\n0,300\n"
@@ -289,11 +288,6 @@ def test_repairs_are_noted(eadp, tmp_path):
     assert "winding" in answer.err
     document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
     assert len(document["normalised"]) == 2
-
-
-def test_wind_is_a_speed_and_the_bearing_it_blows_from():
-    assert wind_vector_mps("5,270") == pytest.approx((5, 0))  # a west wind drifts east
-    assert wind_vector_mps("5,0") == pytest.approx((0, -5))
 
 
 def test_the_pictures(eadp, tmp_path, box):

@@ -134,13 +134,6 @@ def test_many_runs_are_a_sample_and_all_are_counted(many, monkeypatch, tmp_path)
     assert data["words"][-1] == "The charts and the list show 50 of the 300 runs, a random sample."
 
 
-def test_the_runs_take_a_bounded_number_of_bytes(many, monkeypatch, tmp_path):
-    monkeypatch.setattr(sweep_page, "MAX_BYTES", 3000)
-    data = sweep_page.sweep_data(str(many), tmp_path / "x.html")
-    assert 10 < len(data["runs"]["completed"]) < 300
-    assert len(json.dumps(data["runs"])) <= 3000
-
-
 # --- in a browser
 
 
@@ -195,16 +188,6 @@ def test_a_cell_lists_its_runs_with_their_flights(opened, page, swept):
     assert len(links) == 4
     for link in links:
         assert (swept / link).is_file()
-
-
-def test_hovering_shows_the_run(opened):
-    x, y = opened.run(
-        "(() => { $('runs').scrollIntoView({block: 'center'});"
-        "const box = document.querySelector('#runs tbody tr').getBoundingClientRect();"
-        "return [box.x + 60, box.y + 9]; })()"
-    )
-    opened.hover(x, y)
-    assert opened.run("!$('tip').hidden && $('tip').textContent").startswith("battery.capacity_ah 0.003\nplanner.name ")
 
 
 def test_names_are_text(browser, many, eadp):
