@@ -32,7 +32,7 @@ from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Field
 from eadp.plug_ins import plug_in
 from eadp.survey.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
 from eadp.survey.line_order import best_order, quick_order
-from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of
+from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle
 from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts
 
 ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
@@ -74,6 +74,9 @@ SEAM_M = 1e-7
 
 FREE_HEADINGS = 36
 """Number of headings tried at the start and home points."""
+
+BEFORE_SHARES = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
+"""Lengths of a straight before the first line that are tried, over what a climb lacks."""
 
 TIE_DIGITS = 6
 """Times that agree to so many decimals are equal [s]."""
@@ -356,7 +359,7 @@ def connected(
     previous: Pose | None = None
     for flown in parts:
         start = flown[0].start
-        entry = _entry(request, start, turns) if previous is None else _turn(request, previous, start, turns)
+        entry = _climbing_entry(request, start, turns) if previous is None else _turn(request, previous, start, turns)
         sections += [*entry, *flown]
         previous = flown[-1].end
     assert previous is not None
@@ -672,6 +675,35 @@ def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> li
     if len(point) == 2:
         poses += [(*point, heading) for heading in _tangents(point, start, motion.min_radius_m)]
     return _turn(request, poses[int(motion.turns_s(poses, [start])[:, 0].argmin())], start, turns)
+
+
+def _climbing_entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+    """The path from the start point to a pose, longer by a straight before it where the climb takes longer.
+
+    Not where a circle takes less, or there is no room: what the climb lacks is then flown on circles.
+    """
+    motion, entry = request.motion, _entry(request, start, turns)
+
+    def way_s(legs: Sequence[CoverageLeg]) -> float:
+        """Time of a way to the pose, the climb-out among it [s]."""
+        return motion.time_s([leg.piece for leg in (request.climb_out, *legs) if leg is not None])
+
+    lacks_s = request.climb_s - way_s(entry)
+    if not entry or lacks_s <= 0:
+        return entry
+    x, y, heading = start
+    metre_s = motion.time_s([straight((0.0, 0.0), (math.cos(heading), math.sin(heading)))])
+    best_s = way_s(entry) + max(lacks_s, motion.time_s([half_circle(start, 2 * motion.min_radius_m, 1)]))
+    for share in BEFORE_SHARES:
+        back_m = share * lacks_s / metre_s
+        back = (x - back_m * math.cos(heading), y - back_m * math.sin(heading), heading)
+        before = CoverageLeg(straight(back[:2], (x, y)))
+        if request.space is None or request.space.has(polyline_m([before.piece])):
+            with suppress(Infeasible):
+                longer = [*_entry(request, back, turns), before]
+                if request.climb_s <= way_s(longer) < best_s:
+                    entry, best_s = longer, way_s(longer)
+    return entry
 
 
 def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:

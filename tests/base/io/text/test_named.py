@@ -58,15 +58,3 @@ def test_a_scenario_that_names_another_file(eadp, tmp_path, root, key):
     assert (answer.code, answer.out) == (2, "")
     assert answer.err.startswith(f"{scenario}:2:1: error: {tmp_path}/secrets is none of eadp's files")
     assert "bash" not in answer.err
-
-
-@pytest.mark.parametrize("key", ["plan", "profile", "scenario"])
-def test_a_sweep_that_names_another_file(eadp, tmp_path, root, key):
-    (tmp_path / "secrets").write_text(SECRETS[0])
-    files = {"plan": root / "plans/survey.plan", "scenario": root / "scenarios/survey.yaml", key: "secrets"}
-    sweep = tmp_path / "sweep.yaml"
-    sweep.write_text("schema: eadp.sweep/1\nseeds: 1\n" + "".join(f"{kind}: {path}\n" for kind, path in files.items()))
-    answer = eadp("sweep", sweep, "--dry-run")
-    assert (answer.code, answer.out) == (2, "")
-    assert "none of eadp's files" in answer.err
-    assert "bash" not in answer.err
