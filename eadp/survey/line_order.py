@@ -32,7 +32,7 @@ DESCENTS = 8
 """Number of the best initial orders from which the local search starts."""
 
 NEIGHBOURS = 10
-"""Number of the cheapest successors of a line that the local search tries."""
+"""Number of the cheapest successors and predecessors of a line that the local search tries."""
 
 MAX_MOVED = 4
 """Largest number of consecutive lines that the local search moves elsewhere."""
@@ -45,8 +45,8 @@ VISITS_PER_LINE = 350
 MAX_VISITS = 40_000
 """Limits of the search: perturbations, and visits to a line; counted, not timed, so that results repeat.
 
-Measured on fields of 15 to 62 lines, some in wind: 0.996 to 1.004 of what a general solver of routing problems finds in
-10 s, where predecessors and nearest neighbours were tried, too; without these 0.07 % more in the mean, 0.4 % at most.
+Measured on fields of 15 to 62 lines, some in wind: between 0.996 and 1.004 of what a general solver of routing problems
+finds in 10 s, in 0.2 s at most. Ten times the visits save another 0.03 % of the flight in the mean, 0.4 % at most.
 """
 
 
@@ -95,7 +95,8 @@ def quick_order(
     Notes
     -----
     The lines should be numbered across the field. Boustrophedon orders, orders that skip lines and orders in blocks are
-    then among those tried. Each has its best directions, and the cheapest is improved once.
+    then among those tried, besides the nearest neighbour's. Each has its best directions, and the cheapest is improved
+    once.
 
     Source: Bochtis and Vougioukas 2008 for orders that skip.
     """
@@ -216,6 +217,25 @@ def _blocks(lines: int, size: int) -> list[int]:
     return order
 
 
+def _nearest_neighbours(problem: _Problem) -> IntArray:
+    """Sequences that go on to the cheapest line left, one from each directed line; lines without direction, (2n, n)."""
+    n = problem.lines
+    at = np.arange(2 * n)  # the last directed line of each sequence so far
+    visited = np.zeros((2 * n, n), dtype=bool)
+    sequences = np.empty((2 * n, n), dtype=np.intp)
+    either_way = problem.costs.reshape(2 * n, n, 2)
+    # of each line after a directed one, shape (2n, n): its cheaper direction, 0 or 1, and the cost in that direction
+    cheaper, least = either_way.argmin(axis=2), either_way.min(axis=2)
+    rows = np.arange(2 * n)
+    for i in range(n):
+        if i:
+            line = np.where(visited, np.inf, least[at]).argmin(axis=1)
+            at = 2 * line + cheaper[at, line]
+        sequences[:, i] = at // 2
+        visited[rows, at // 2] = True
+    return sequences
+
+
 def _best_directions(problem: _Problem, sequences: IntArray) -> tuple[FloatArray, IntArray]:
     """The best directions for sequences of lines, shape (k, n), by dynamic programming.
 
@@ -243,8 +263,8 @@ def _best_directions(problem: _Problem, sequences: IntArray) -> tuple[FloatArray
 
 
 def _initial_orders(problem: _Problem) -> list[list[int]]:
-    """Directed orders to start from, the cheapest first: `_sequences` in best directions."""
-    sequences = _sequences(problem.lines)
+    """Directed orders to start from, the cheapest first: `_sequences` and nearest neighbours, in best directions."""
+    sequences = np.concatenate([_sequences(problem.lines), _nearest_neighbours(problem)])
     totals, directions = _best_directions(problem, sequences)
     orders = 2 * sequences + directions
     distinct = dict.fromkeys(tuple(orders[i].tolist()) for i in np.argsort(totals, kind="stable"))
@@ -263,8 +283,9 @@ class _Search:
 
     For a directed line c, c >> 1 is its line and c ^ 1 its other direction. `table[a][b]` is the cost of going from a
     to b, `total` the tour's sum of it. `position` and `queued` have an entry for each line, at n for the depot: where
-    it is in the tour, and whether it is in `queue`, the lines whose neighbourhood is to be improved. `after` lists,
-    the cheapest first, the directed lines that may follow each one. `visits` counts the lines taken from `queue`.
+    it is in the tour, and whether it is in `queue`, the lines whose neighbourhood is to be improved. `after` and
+    `before` list, the cheapest first, the directed lines that may follow or precede each one. `visits` counts the lines
+    taken from `queue`: the effort.
     """
 
     def __init__(self, problem: _Problem) -> None:
@@ -288,7 +309,9 @@ class _Search:
         of_others = square + np.where(np.kron(np.eye(n), np.ones((2, 2))) > 0, np.inf, 0.0)
         count = min(NEIGHBOURS, 2 * n - 2)
         self.after: list[list[int]] = np.argsort(of_others, axis=1, kind="stable")[:, :count].tolist()
+        self.before: list[list[int]] = np.argsort(of_others, axis=0, kind="stable")[:count].T.tolist()
         self.after.append(np.argsort(table[depot, :depot], kind="stable").tolist())
+        self.before.append(np.argsort(table[:depot, depot], kind="stable").tolist())
         self.min_gain = 1e-8 * scale  # a smaller gain is rounding
         self.tour: list[int] = []
         self.position: list[int] = []
@@ -305,11 +328,21 @@ class _Search:
             self._reset(order)
             before = math.inf
             # until a pass over all lines finds nothing: a distant turn may pay for a move
-            while self.total < before - self.min_gain:
+            while self.total < before - self.min_gain or self._redirect():
                 before = self.total
                 self._descend(range(self.problem.lines + 1))
             found.append((self.total, self.tour[1:-1]))
         return min(found)[1]
+
+    def _redirect(self) -> bool:
+        """Give the lines of the tour the best directions for their sequence, if that pays; return whether it did."""
+        order, cost = self.problem.with_cost(self.tour[1:-1])
+        sequence = np.array([order], dtype=np.intp) // 2
+        totals, directions = _best_directions(self.problem, sequence)
+        if not totals[0] < cost - self.min_gain:
+            return False
+        self._reset((2 * sequence[0] + directions[0]).tolist())
+        return True
 
     def perturbed(self, order: Sequence[int]) -> list[int]:
         """The best order found by iterated local search from perturbations of the best so far: never worse than it.
@@ -377,8 +410,12 @@ class _Search:
             line = queue.pop()
             self.visits += 1
             queued[line] = False
-            while self._improve_successor(0 if line == n else self.position[line]):
-                pass
+            if line == n:
+                while self._improve_successor(0) or self._improve_predecessor(n + 1):
+                    pass
+            else:
+                while self._improve_successor(self.position[line]) or self._improve_predecessor(self.position[line]):
+                    pass
 
     def _push(self, lines: Iterable[int]) -> None:
         """Queue lines to be visited, each once."""
@@ -387,11 +424,11 @@ class _Search:
                 self.queued[line] = True
                 self.queue.append(line)
 
-    # Below, the directed line a stands at position i, and c is a candidate for its new neighbour.
+    # In the two functions below, the directed line a stands at position i, and c is a candidate for its new neighbour.
     # The line of c stands at position j, in a direction d. Where d is c, a short run from d to e is moved beside a, not
     # reversed. Where d is c ^ 1, the other direction, a run is reversed so that c comes beside a: that of all lines
-    # between, or a short one from d to e that is also moved. In the tour b stands after a, y before the run and f
-    # after it. `gain` is what the turns changed so far save, `saved` what the whole move saves. Candidates
+    # between, or a short one from d to e that is also moved. In the tour z stands before a and b after it, y before the
+    # run and f after it. `gain` is what the turns changed so far save, `saved` what the whole move saves. Candidates
     # are sorted by cost: the first one whose turn alone saves nothing ends the search.
 
     def _improve_successor(self, i: int) -> bool:
@@ -426,6 +463,39 @@ class _Search:
                 saved = gain + table[y][e] - table[y][f] - table[e ^ 1][b] - reversal_sums[j] + reversal_sums[k]
                 if saved > min_gain:
                     return self._move(k, j, i, True, saved)
+        return False
+
+    def _improve_predecessor(self, i: int) -> bool:
+        """Replace the predecessor of position i by a cheaper one, if that pays; return whether it did."""
+        tour, table, reversal_sums, min_gain = self.tour, self.table, self.reversal_sums, self.min_gain
+        z, a = tour[i - 1], tour[i]
+        now = table[z][a]
+        for c in self.before[a]:
+            gain = now - table[c][a]
+            if gain <= min_gain:
+                return False
+            j = self.position[c >> 1]
+            d = tour[j]
+            if d == c:  # e..c comes between z and a
+                f = tour[j + 1]
+                gain += table[c][f]
+                for k in range(j, max(j - MAX_MOVED, i if j > i else 0), -1):
+                    e, y = tour[k], tour[k - 1]
+                    saved = gain + table[y][e] - table[y][f] - table[z][e]
+                    if saved > min_gain:
+                        return self._move(k, j, i - 1, False, saved)
+                continue
+            y = tour[j - 1]
+            gain += table[y][d]
+            if j < i:  # d..z is reversed
+                saved = gain - table[y][z ^ 1] - reversal_sums[i - 1] + reversal_sums[j]
+                if saved > min_gain:
+                    return self._reverse(j, i - 1, saved)
+            for k in range(j, min(j + MAX_MOVED, len(tour) - 1 if j > i else i - 1)):  # d..e reversed comes between
+                e, f = tour[k], tour[k + 1]
+                saved = gain + table[e][f] - table[y][f] - table[z][e ^ 1] - reversal_sums[k] + reversal_sums[j]
+                if saved > min_gain:
+                    return self._move(j, k, i - 1, True, saved)
         return False
 
     def _reverse(self, start: int, end: int, saved: float) -> bool:
