@@ -75,7 +75,6 @@ def test_the_flight_of_the_tutorial(tmp_path):
     assert code == 0, said
     assert "eadp: spacing" in vehicle.stderr
     assert "uploaded and verified" in said
-    run([sys.executable, "-m", "eadp", "report", "my-field/live.jsonl", "-o", "my-field/live.html"])
     again = [word for word in command("eadp replan", port) if word not in ("--log", "my-field/live.jsonl", "--upload")]
     again[again.index("--mavlink") : again.index("--mavlink") + 2] = ["--replay", "my-field/live.jsonl"]
     assert run(again).stdout == out.read_text()
