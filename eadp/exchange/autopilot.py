@@ -200,10 +200,8 @@ def check_landing(items: Sequence[MissionItem], autopilot: Autopilot) -> None:
     """Raise Infeasible where PX4 refuses the landing of a mission."""
     starts = [i for i, item in enumerate(items) if item.command == LAND_START]
     lands = [i for i, item in enumerate(items) if item.command in (LAND, VTOL_LAND)]
-    if len(starts) > 1:
-        raise Infeasible("PX4 does not arm: the mission has more than one DO_LAND_START (189)", "one of them")
-    if starts and (not lands or lands[-1] < starts[0]):
-        raise Infeasible("PX4 does not arm: no landing follows DO_LAND_START (189)", "a landing after it, or neither")
+    if starts and (len(starts) > 1 or not lands or lands[-1] < starts[0]):
+        raise Infeasible("PX4 does not arm: it takes one DO_LAND_START (189), before a landing", "one of them, or none")
     limit_deg = autopilot.value(LANDING_ANGLE) or 0.0
     for before, land in itertools.pairwise(items):
         if land.command != LAND or not before.placed:

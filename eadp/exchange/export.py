@@ -15,7 +15,6 @@ from eadp.api.plan import plan_of
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import (
     FARTHEST_M,
-    compass_deg,
     place_text,
     to_geodetic_deg,
     to_local_m,
@@ -30,7 +29,7 @@ from eadp.exchange.autopilot import (
     stated_parameters,
     wanted_parameters,
 )
-from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START, MissionItem
+from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START
 from eadp.exchange.path import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
 from eadp.exchange.writer import EXPORTS, FENCED, files_beside, items_text, mapped_items, mission_items, writer_of
 from eadp.io.flight import airspeeds_text
@@ -43,7 +42,7 @@ from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import LAND, TAKEOFF, Leg, leg_points
+from eadp.models.plan.stage import LAND, Leg, leg_points
 from eadp.models.plan.trace import nominal_route, zone_findings
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
@@ -202,7 +201,7 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     if to != PX4 and any(item.command == LAND_START for item in items):
         note = "ArduPlane does not arm it while RTL_AUTOLAND is 0, as delivered; with 2 a return flies its landing"
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
-    if note := _ends_text(path, items):
+    if note := _ends_text(path):
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
     if to == PX4:
         check_landing(items, autopilot)
@@ -336,23 +335,18 @@ def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
     return replace(stated, kind=PX4) if to == PX4 else stated
 
 
-def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:
-    """What a mission flies besides its path: how it takes off, and ways that the forecast does not have."""
-    first, last, said = path.sections[0], path.sections[-1], []
+def _ends_text(path: PlannedPath) -> str:
+    """What a mission flies besides its path: ways that the forecast does not have."""
+    first, last = path.sections[0], path.sections[-1]
     home_m = to_local_m(*path.home, path.origin_deg)
-    if items[0].command == TAKEOFF and not (first.stage.command(TAKEOFF) and first.stage.command(TAKEOFF)[-1]):
-        way_m, course = math.dist(home_m, first.start_m), first.courses_rad[0]
-        if way_m > NEAR_M:
-            course = math.atan2(first.start_m[1] - home_m[1], first.start_m[0] - home_m[0])
-        said.append(f"an autopilot climbs as it is launched, for the path towards {compass_deg(course):.0f}°")
     if path.home_deg is not None:
         ways = {"from home": math.dist(home_m, first.start_m)}
         if not last.stage.command(LAND):
             ways["back"] = math.dist(last.end_m, home_m)
         if sum(ways.values()) > NEAR_M:
             lengths = " and ".join(f"{length_m:.0f} m {where}" for where, length_m in ways.items())
-            said.append(f"the forecast is without {lengths}, which a plan of eadp cover --home has")
-    return "; ".join(said)
+            return f"the forecast is without {lengths}, which a plan of eadp cover --home has"
+    return ""
 
 
 def _climb_deg(airframe: Airframe) -> float:

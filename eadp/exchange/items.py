@@ -158,9 +158,8 @@ class Fence(NamedTuple):
 class MissionDraft:
     """A mission before it is checked: latitude, longitude [°] and altitude [m] of home, and the items.
 
-    `rally` are places to rally: where, latitude and longitude [°]. `multirotor` is whether it says that it is for an
-    aircraft that hovers; `doubts` are what the reader took one way of several: where, a code of a finding, and a
-    sentence.
+    `multirotor` is whether it says that it is for an aircraft that hovers; `doubts` are what the reader took one way of
+    several: where, a code of a finding, and a sentence.
     """
 
     home: tuple[float, ...]
@@ -168,5 +167,4 @@ class MissionDraft:
     items: list[DraftItem] = field(default_factory=list)
     multirotor: bool = False
     fences: list[Fence] = field(default_factory=list)
-    rally: list[tuple[Location, tuple[float, float]]] = field(default_factory=list)
     doubts: list[tuple[Location, str, str]] = field(default_factory=list)

@@ -98,7 +98,7 @@ class MissionPlan:
             self._check_item(index, item)
         refuse(self.faults)
         if self.draft.multirotor:
-            message = "the mission is for a multirotor; it is read as one of a fixed wing"
+            message = "the mission is for a multirotor; it is read as one of a fixed wing, which hovers on circles"
             self._find((1, 1), "multirotor", message)
         visits = self._visits(self._order())
         refuse(self.faults)
@@ -146,17 +146,11 @@ class MissionPlan:
             if not abs(value) <= 1e9 and not math.isnan(value):
                 self._fault(at[k + 2], item, f"a parameter of {value:g}", "a number of at most 1e9")
         p1, p2 = item.parameters[:2]
-        hold = command == d.LOITER_TIME or (command in (d.WAYPOINT, d.SPLINE) and p1 > 0)
-        if self.draft.multirotor and hold and all(finding.code != "hover" for finding in self.findings):
-            message = f"{item.label}: a hover of {p1:g} s, flown as a circle of {LOITER_RADIUS_M:g} m for that time"
-            self._find(at[2], "hover", message)
         if command in (d.LOITER_TIME, d.LOITER_TURNS) and not p1 >= 0:
             self._fault(at[2], item, "no time or number of turns", "a number of 0 or more")
         if command == d.JUMP and math.isnan(p2):
             self._fault(at[3], item, "no number of repetitions", "a number, -1 for ever")
-        if command == d.CHANGE_SPEED and p1 in (0, 1) and p2 == 0:
-            self._find(at[3], "no-speed", f"{item.label}: a speed of 0 m/s changes nothing")
-        elif command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 in (-1, DEFAULT_SPEED) or 0.1 <= p2 <= 1000):
+        if command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 in (-1, 0, DEFAULT_SPEED) or 0.1 <= p2 <= 1000):
             expected = "one above 0, -1 for no change, or -2 for the default airspeed"
             self._fault(at[3], item, f"a speed of {p2:g} m/s", expected)
 
@@ -407,10 +401,6 @@ class MissionPlan:
         if last.command in (d.LAND, d.RETURN):
             stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
         self._doubt_places(visits)
-        airspace = self._airspace()
-        for at, place_deg in self.draft.rally:
-            if not airspace.admits(to_local_m(*place_deg, self._origin_deg)):
-                self._find(at, "rally-outside", "a place to rally is beyond the boundary, or in an obstacle")
         shortest_m = min(piece.length_m for _, piece in path.pieces)
         return Plan(
             name=self.source.name,
@@ -422,7 +412,7 @@ class MissionPlan:
                 self._origin_deg,
                 (0.0, 0.0),
                 home_m=(0.0, 0.0),
-                airspace=airspace,
+                airspace=self._airspace(),
                 ground_m=self._zero_m,
                 height_m=self._height_m,
             ),

@@ -158,10 +158,9 @@ def read_qgc(source: SourceText) -> MissionDraft:
         _read_item(item.is_(JsonObject), draft)
     draft.fences += _fences_of(root)
     rally = root.member("rallyPoints")
-    if isinstance(rally.value, JsonObject) and rally.value.get("points"):
+    if rallies := isinstance(rally.value, JsonObject) and bool(rally.value.get("points")):
         draft.doubts.append((rally.location, "rally", RALLY_LEFT_OUT))
-        draft.rally = [(each.location, _corner(each)) for each in rally.member("points").elements()]
-    if not draft.items and (draft.fences or draft.rally):
+    if not draft.items and (draft.fences or rallies):
         what = (NO_MISSION, FOR_FENCE) if draft.fences else (FOR_RALLY, "a mission")
         raise source.error(root.member("geoFence" if draft.fences else "rallyPoints").location, *what)
     return draft
@@ -383,7 +382,6 @@ def read_wpl(source: SourceText) -> MissionDraft:
     if rally := [each for each in rows if each.command == RALLY]:
         doubts.append((rally[0].locations[0], "rally", RALLY_LEFT_OUT))
     draft = MissionDraft((0.0, 0.0, 0.0), rows[0].locations[6], moved, fences=fences, doubts=doubts)
-    draft.rally = [(each.locations[6], (each.parameters[4], each.parameters[5])) for each in rally]
     if home is not None:
         draft.home, draft.home_location = home.parameters[4:], home.locations[6]
     elif rows[0] is items[0] and first_is_home:

@@ -27,7 +27,7 @@ from eadp.io.flight import (
 from eadp.io.page import REPORT, Decisions, Series, Steps, page_html, significant
 from eadp.io.scenario import Scenario
 from eadp.models.airspace import risk_text
-from eadp.models.battery import LIMITS, BatteryFault
+from eadp.models.battery import LIMITS
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Leg, leg_points, point_at
@@ -53,9 +53,7 @@ MAX_WIDER = 1e9
 Values = Sequence[float | None]
 
 
-def kept_samples(
-    times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float], limit: int | None = None
-) -> list[int] | None:
+def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float]) -> list[int]:
     """Indices of samples between which linear interpolation gives all others, each column within its error.
 
     Parameters
@@ -66,13 +64,11 @@ def kept_samples(
         Of samples in a row of which some value is missing, the first and the last are kept.
     errors : sequence of float
         Above 0, one for each column.
-    limit : int, optional
-        Most samples; `MAX_SAMPLES` by default.
 
     Returns
     -------
     list of int
-        In order; the first and the last sample are kept. None if they are more than the limit.
+        In order; the first and the last sample are kept.
 
     Source: the swinging door of E. H. Bristol (1990), with every end on a sample.
     """
@@ -85,8 +81,6 @@ def kept_samples(
         else:
             end = _farthest(times_s, columns, errors, anchor, gap)
         indices.append(end)
-        if len(indices) > (limit or MAX_SAMPLES):
-            return None
         anchor = end
     return indices
 
@@ -125,12 +119,10 @@ def thinned(times_s: Sequence[float], columns: Mapping[str, Values], errors: Map
         errors are doubled until `MAX_SAMPLES` are enough.
     """
     wider, rows = 1.0, [*columns.values()]
-    while (indices := kept_samples(times_s, rows, [0.9 * wider * errors[name] for name in columns])) is None:
-        wider *= 2
+    while len(indices := kept_samples(times_s, rows, [0.9 * wider * errors[name] for name in columns])) > MAX_SAMPLES:
         if wider > MAX_WIDER:  # the ends of very many gaps
-            indices = kept_samples(times_s, rows, [wider * errors[name] for name in columns], len(times_s))
-            assert indices is not None
             break
+        wider *= 2
     errors = {name: wider * errors[name] for name in columns}
     series: dict[str, Any] = {"t": [round(times_s[i], 6) for i in indices]}
     for name, values in columns.items():
@@ -140,21 +132,9 @@ def thinned(times_s: Sequence[float], columns: Mapping[str, Values], errors: Map
 
 
 def changes(times_s: Sequence[float], values: Sequence[Any]) -> dict[str, Any]:
-    """A series that is constant between its changes: `t`, when each value starts, and `v`, the values.
-
-    `error_s` is how late a change may be shown: 0, but for a series of more than `MAX_SAMPLES` changes.
-    """
-    late_s = 0.0
-    while True:
-        shown_s: list[float] = []
-        shown: list[Any] = []
-        for time_s, value in zip(times_s, values, strict=True):
-            if not shown or (value != shown[-1] and time_s >= shown_s[-1] + late_s):
-                shown_s.append(round(time_s, 6))
-                shown.append(value)
-        if len(shown) <= MAX_SAMPLES:
-            return {"t": shown_s, "v": shown, "error_s": late_s}
-        late_s = 2 * late_s or (times_s[-1] - times_s[0]) / MAX_SAMPLES
+    """A series that is constant between its changes: `t`, when each value starts, and `v`, the values."""
+    starts = [i for i, value in enumerate(values) if i == 0 or value != values[i - 1]]
+    return {"t": [round(times_s[i], 6) for i in starts], "v": [values[i] for i in starts]}
 
 
 def evenly(count: int, limit: int) -> list[int]:
@@ -174,8 +154,8 @@ LEVEL_M = 1.0
 """Range of altitudes above which they are drawn [m]."""
 
 MAX_DECISIONS, MAX_HORIZONS, MAX_ROUTES = 3000, 300, 40
-MAX_POINTS, LEG_POINTS = 60_000, 4
-"""Most points of the plan's lines, and how many a leg should have at least."""
+MAX_POINTS = 60_000
+"""Most points of the plan's lines, but for two a leg."""
 
 FAINT = 5
 """Values across the sets of the path parameters at which the plan's lines are drawn."""
@@ -242,7 +222,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
     return {
         "title": plan.name.rpartition("/")[2],
         "words": [
-            *flight_words(summary, flight.decisions, world.faults),
+            *flight_words(summary, flight.decisions),
             f"It flew with {setting_text(flight.scenario)}.",
             *([f"The forecast counts {counted_text(flight.scenario, plan, expected)}."] if expected else []),
         ],
@@ -423,13 +403,7 @@ def _plan_lines(plan: Plan, flown: PlanReplay, start: Point, home: Point | None)
     turns = [flown.turns[i] for i in evenly(len(flown.turns), MAX_ROUTES)]
     routes = [(time_s, legs) for time_s, cursor, joined in turns if (legs := legs_from(cursor, joined))]
     faint = list(_faint(plan, flown.turns[0][1].parameters, start))
-    while (count := sum(map(len, [*faint, *(legs for _, legs in routes)]))) * LEG_POINTS > MAX_POINTS:
-        if faint:
-            faint = faint[: len(faint) // 2]
-        elif len(routes) > 1:
-            routes = [routes[i] for i in evenly(len(routes), len(routes) - 1)]
-        else:
-            break
+    count = sum(map(len, [*faint, *(legs for _, legs in routes)]))
     parts = max(2, min(CURVE_PARTS, MAX_POINTS // max(count, 1) - 1))
     last = flown.turns[-1][1]
     return {
@@ -467,72 +441,28 @@ def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
     return [value for point, _ in itertools.groupby(rounded) for value in point]
 
 
-def flight_words(
-    summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]], faults: Sequence[BatteryFault]
-) -> list[str]:
+def flight_words(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]]) -> list[str]:
     """Sentences on a flight: how it ended, its charge, what was forecast, and a return; `flight_facts` has the rest."""
-    return [
-        _end(summary),
-        *_charge(summary, faults),
-        *_forecast(summary),
-        *_turned_back(decisions),
-    ]
-
-
-def _end(summary: Mapping[str, Any]) -> str:
     verb = "completed" if summary["completed"] else "did not complete"
     after = f"after {time_text(summary['duration_s'])} and {summary['distance_m'] / 1000:.2f} km"
-    return f"The flight {verb}: {summary['reason']} {after}."
-
-
-def _charge(summary: Mapping[str, Any], faults: Sequence[BatteryFault]) -> list[str]:
-    soc, reserve, power = summary["soc_final"], summary["soc_reserve"], summary["power_w"]["mean"]
-    kept = reserve_text(summary)
-    mean = f", {power:.1f} W on average" if power is not None else ""
+    soc, reserve = percent_text(summary["soc_final"]), percent_text(summary["soc_reserve"])
     words = [
-        f"It used {summary['energy_wh']:.2f} Wh{mean}. The charge at the end was {percent_text(soc)}; "
-        f"the reserve of {percent_text(reserve)} was {kept}."
+        f"The flight {verb}: {summary['reason']} {after}.",
+        f"It used {summary['energy_wh']:.2f} Wh. The charge at the end was {soc}; the reserve of {reserve} was "
+        f"{reserve_text(summary)}.",
     ]
-    for fault in faults:
-        if fault.at_s <= summary["duration_s"]:
-            words.append(f"At {fault.at_s:g} s the battery lost {percent_text(fault.soc_drop)} of its charge at once.")
     if summary["battery_limit"]:
         words.append(f"Of the battery's limits, {LIMITS[summary['battery_limit']]} bound.")
-    return words
-
-
-def _forecast(summary: Mapping[str, Any]) -> list[str]:
-    expected = summary["energy_forecast"]
-    if expected is None:
-        stuck = summary["never_past"]
-        return [f"There was no forecast before take-off: {stuck} has a turn that is never got past."] if stuck else []
-    came = ""
-    if summary["completed"]:
-        took_s, used_wh = summary["duration_s"] - expected["time_s"], summary["energy_wh"] - expected["energy_wh"]
-        came = f"; the flight differed by {_difference(used_wh, 2)} Wh and {_difference(took_s, 0)} s"
-    home = []
-    if expected["turn_back_s"] is not None:
-        x, y = expected["turn_back_m"]
-        until = f"{expected['turn_back_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
-        home = [f"By it, home was within reach with the reserve until {until}."]
-    return [
-        f"The forecast before take-off was {expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh in "
-        f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
-        f"{percent_text(expected['completes_probability'])}{came}.",
-        *home,
-        *(f"By it, the flight {risk_text(*each.values())}." for each in expected["obstacles"]),
-    ]
-
-
-def _difference(value: float, digits: int) -> str:
-    """A difference with its sign."""
-    return f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
-
-
-def _turned_back(decisions: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The decision to fly home, if there was one."""
-    return [
-        f"At {row['time_s']:g} s it decided: {row['reason']}."
-        for row in decisions
-        if str(row["reason"]).startswith(TURNS_BACK)
-    ]
+    if (expected := summary["energy_forecast"]) is not None:
+        words.append(
+            f"The forecast before take-off was {expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh in "
+            f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
+            f"{percent_text(expected['completes_probability'])}."
+        )
+        words += [f"By it, the flight {risk_text(*each.values())}." for each in expected["obstacles"]]
+    elif summary["never_past"]:
+        words.append(
+            f"There was no forecast before take-off: {summary['never_past']} has a turn that is never got past."
+        )
+    turns = [row for row in decisions if str(row["reason"]).startswith(TURNS_BACK)]
+    return [*words, *(f"At {row['time_s']:g} s it decided: {row['reason']}." for row in turns)]

@@ -89,10 +89,10 @@ def _with_room(lines: Sequence[Piece], space: FreeSpace, motion: MotionLimits) -
     if not lines:
         return []
     ends_m = np.array([line.length_m for line in lines])  # along each line
-    beyond = [straight((0.0, 0.0), (motion.beyond_m, 0.0))] if motion.beyond_m else []
+    beyond = [straight((0.0, 0.0), (motion.lead_in_m, 0.0))] if motion.lead_in_m else []
     # points of the way on from the origin along the x axis: with a half circle to the left, and with one to the right
     halves = [
-        polyline_m([*beyond, half_circle((motion.beyond_m, 0.0, 0.0), motion.min_radius_m, side)]) for side in (1, -1)
+        polyline_m([*beyond, half_circle((motion.lead_in_m, 0.0, 0.0), motion.min_radius_m, side)]) for side in (1, -1)
     ]
     left = np.arange(len(lines))  # indices of lines without room so far
     while len(left):

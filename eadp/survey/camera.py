@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,10 +31,6 @@ MIN_GSD_CM, MAX_GSD_CM = 0.1, 1e3
 """No aircraft in flight resolves a millimetre: most pixels in metres are refused [cm]."""
 MAX_OVERLAP = 99.0
 MAX_ALTITUDE_M = 1e5
-MAX_PIXEL_RATIO = 1.25
-"""Width of a pixel over its height, or the inverse: of pictures cropped from 4:3 to 16:9 it is 1.33, where width and
-height of 5:4 are swapped 1.56."""
-
 Length = Annotated[float, Ge(MIN_LENGTH_MM), Le(MAX_LENGTH_MM)]
 Pixels = Annotated[int, Ge(1), Le(MAX_PIXELS)]
 
@@ -66,21 +61,9 @@ class Camera:
     """Shortest time between two pictures [s]."""
 
     def with_values(self, **values: float | None) -> Camera:
-        """The camera with other values, where they are given; its name says which."""
-        other = {key: value for key, value in values.items() if value not in (None, getattr(self, key))}
-        changed = ", ".join(f"{key} {value:g}" for key, value in other.items())
-        name = f"{self.name} with {changed}" if self.name and changed else self.name
-        return replace(self, name=name, **other)  # type: ignore[arg-type]
-
-    def faults(self) -> Iterator[tuple[str, str]]:
-        """A key and what is wrong with it: pixels that are far from square."""
-        sides = self.sensor_width_mm, self.sensor_height_mm, self.image_width_px, self.image_height_px
-        if None in sides:
-            return
-        width_mm, height_mm, columns, rows = map(float, sides)  # type: ignore[arg-type]
-        wide_um, high_um = 1000 * width_mm / columns, 1000 * height_mm / rows
-        if max(wide_um, high_um) > MAX_PIXEL_RATIO * min(wide_um, high_um):
-            yield "image_width_px", f"pixels of {wide_um:.3g} by {high_um:.3g} µm, by the sizes of sensor and picture"
+        """The camera with other values, where they are given."""
+        other = {key: value for key, value in values.items() if value is not None}
+        return replace(self, **other)  # type: ignore[arg-type]
 
 
 def ground_m(size_mm: float, focal_length_mm: float, altitude_m: float) -> float:
@@ -105,17 +88,6 @@ SCHEMA = "eadp.camera/1"
 FOLDER = files("eadp") / "presets" / "cameras"
 CAMERAS = tuple(sorted(file.name.removesuffix(".yaml") for file in FOLDER.iterdir()))
 """Names of the cameras that are shipped."""
-
-
-_PLANNERS_KEYS = {
-    "senw": "sensor_width_mm",
-    "senh": "sensor_height_mm",
-    "flen": "focal_length_mm",
-    "imgw": "image_width_px",
-    "imgh": "image_height_px",
-}
-_PLANNERS = re.compile(rf"<({'|'.join(_PLANNERS_KEYS)})>\s*([0-9.]+)\s*</")
-"""Values of a camera of Mission Planner (XML), and their keys here."""
 
 
 @dataclass(frozen=True)
@@ -146,30 +118,12 @@ def read_camera(name: str) -> Camera:
     else:
         expected = f"a camera file (.yaml), or {one_of(CAMERAS, name)}"
         raise InputError.at("--camera", 1, 1, f"no camera {printable(name, 60)}", expected, name)
-    if (found := dict(_PLANNERS.findall(text.body))) and text.body.lstrip().startswith("<"):
-        keys = "; ".join(f"{_PLANNERS_KEYS[tag]}: {value}" for tag, value in found.items())
-        raise InputError.at(
-            name, 1, 1, "is a camera of Mission Planner", f"a file camera.yaml: schema: {SCHEMA}; {keys}"
-        )
     document = keys_document(text, SCHEMA)
-    expected = "the picture's width and height in the order of the sensor's"
-    return validated(
-        CameraFile,
-        document,
-        without_nulls(document.value),
-        lambda keys: [document.fault((key,), message, expected) for key, message in keys.faults()],
-    )
+    return validated(CameraFile, document, without_nulls(document.value), lambda _: [])
 
 
 # --- a survey's options and pictures
 
-LEGAL_M = 120.0
-"""Height above ground up to which most rules let unmanned aircraft fly: 120 m in Europe, 400 ft elsewhere [m]."""
-FOOT_M = 0.3048
-SMALL_SENSOR_MM = 3.0
-"""Width of a sensor below that of a 1/4-inch one (3.6 mm); a few thermal ones are smaller [mm]."""
-LONG_LENS = 3.0
-"""Focal length over the sensor's width, from which on a picture spans less than 19°."""
 QUICK_S = 0.5
 """Time between pictures below which most cameras for mapping take none [s]."""
 
@@ -310,26 +264,6 @@ class CameraOptions:
         """Ground sampling distance, of a pixel [cm]; None where the picture's width in pixels is not known."""
         return None if self.image_width_px is None else 100 * self.width_m / self._needed("image_width_px")[0]
 
-    def doubts(self) -> Iterator[Doubt]:
-        """Doubts about the altitude and the camera."""
-        altitude_m, width_mm, focal_mm = self.altitude_m, self.sensor_width_mm, self.focal_length_mm
-        if altitude_m is not None and altitude_m > LEGAL_M:
-            message = f"{altitude_m:.4g} m, above the {LEGAL_M:g} m that most rules allow"
-            if self.gsd_cm is None:
-                yield Doubt("--altitude", message, f"metres: {altitude_m:g} ft are {altitude_m * FOOT_M:.4g} m")
-            else:
-                lower_cm = math.floor(100 * self.gsd_cm * LEGAL_M / altitude_m) / 100
-                expected = f"at most {lower_cm:g} cm a pixel, or another lens"
-                yield Doubt("--gsd", f"{self.gsd_cm:g} cm a pixel are seen from {message}", expected)
-        if width_mm is not None and width_mm < SMALL_SENSOR_MM:
-            expected = "as 6.2 mm of 1/2.3 inch, 13.2 of 1 inch, 23.5 of APS-C, 35.9 of full frame"
-            yield Doubt("--sensor-width-mm", f"{width_mm:g} mm, smaller than a 1/4-inch sensor", expected)
-        if width_mm is not None and focal_mm is not None and focal_mm > LONG_LENS * width_mm:
-            span_deg = math.degrees(2 * math.atan(width_mm / 2 / focal_mm))
-            message = f"{focal_mm:g} mm with a sensor of {width_mm:g} mm, which spans {span_deg:.2g}°"
-            expected = f"the lens's own: as full-frame equivalent it is {focal_mm * width_mm / 36:.3g} mm"
-            yield Doubt("--focal-length-mm", message, expected)
-
 
 def option_fault(option: str, raw: str, message: str, expected: str) -> InputError:
     """The error of an option, to be raised."""
@@ -377,14 +311,9 @@ class Pictures(NamedTuple):
         if distance_m is None or overlap is None:
             return [f"camera     {'; '.join(parts)}"]
         parts += [f"one each {distance_m:.1f} m, forward overlap {overlap:.0f} %", f"{self.number} in all"]
-        found, most, shortest_s = [f"camera     {'; '.join(parts)}"], self.max_forward_overlap, shot.picture_interval_s
-        if most is None or not shortest_s:
-            return found
-        # rounded down: what is printed is possible
-        line = f"interval   {shortest_s:g} s or more: on the fastest lines, at {self.speed_mps:.1f} m/s over "
-        line += f"ground, forward overlap up to {100 * most // 1:.0f} %"
-        slow = f"; {overlap:.0f} % up to {distance_m / shortest_s * 10 // 1 / 10:.1f} m/s"
-        return [*found, line + slow * (100 * most < overlap)]
+        if (most := self.max_forward_overlap) is not None:  # rounded down: what is printed is possible
+            parts.append(f"up to {100 * most // 1:.0f} % on the fastest lines")
+        return [f"camera     {'; '.join(parts)}"]
 
     def doubts(self) -> Iterator[Doubt]:
         """A doubt about pictures that follow one another too fast on the fastest lines."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cached_property
@@ -25,7 +25,6 @@ from eadp.io.text.streams import read_text
 from eadp.io.vehicle import read_vehicle
 from eadp.models.airspace import Airspace, Field, Obstacle
 from eadp.models.autopilot import Autopilot
-from eadp.models.doubts import Doubt, angle_doubts
 from eadp.models.performance import too_tight
 from eadp.models.plan.pieces import (
     CLIMB_OUT_M,
@@ -66,7 +65,7 @@ from eadp.survey.heights import (
     over_terrain,
     with_circles,
 )
-from eadp.survey.options import CoverageOptions, place_of, point_of, two_numbers
+from eadp.survey.options import CoverageOptions, place_of, point_of
 from eadp.survey.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.survey.report import CoveragePlan, CoverageReport, Pack
 from eadp.survey.swaths import CoverageLeg, MotionLimits
@@ -295,7 +294,7 @@ class CoverageTask:
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
         pattern, lands = options.pattern, self.landing is not None
         if self.terrain is not None:
-            pattern = self.terrain.pattern(pattern, self.field, lands=lands)
+            pattern = self.terrain.pattern(pattern, lands=lands)
         return CoverageRequest(
             self.field,
             self.motion,
@@ -562,7 +561,8 @@ def cover(
 
 def picture_warnings(pictures: Pictures | None) -> list[Fault]:
     """Warnings about pictures that the camera may be too slow for."""
-    return [] if pictures is None else _warnings(pictures.doubts())
+    doubts = [] if pictures is None else pictures.doubts()
+    return [Fault(key, 1, 1, message, expected, severity="warning") for key, message, expected in doubts]
 
 
 def coverage_task(
@@ -585,9 +585,6 @@ def coverage_task(
         warn(found)
     if isinstance(profile, str | PathLike):
         profile = read_profile(profile, warn=warn)
-    if options.turns_off and profile is None:
-        message = "no computations to stop on turns; --profile names some"
-        warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
     options = options.with_camera()
     if (cruises or options.landing is not None or options.takeoff_deg is not None) and options.altitude_m is None:
@@ -609,23 +606,6 @@ def coverage_task(
     speed_mps = math.hypot(*task.motion.wind_mps)
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
-    warn(_warnings(_doubts(task)))
     if task.landing is not None:
         warn(behind_warning(task.landing[2], task.motion.wind_mps))
     return task
-
-
-def _warnings(doubts: Iterable[Doubt]) -> list[Fault]:
-    return [Fault(key, 1, 1, message, expected, severity="warning") for key, message, expected in doubts]
-
-
-def _doubts(task: CoverageTask) -> Iterator[Doubt]:
-    """What may be meant otherwise than it is written."""
-    options = task.options
-    yield from angle_doubts("--heading", options.heading_deg)
-    if options.wind is not None:
-        yield from angle_doubts("--wind", two_numbers("--wind", options.wind, "")[1])
-    yield from angle_doubts("--takeoff", options.takeoff_deg)
-    if task.landing is not None:
-        yield from angle_doubts("--landing", round(compass_deg(task.landing[2]), 9))
-    yield from options.doubts()

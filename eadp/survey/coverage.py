@@ -33,7 +33,7 @@ from eadp.plug_ins import plug_in
 from eadp.survey.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
 from eadp.survey.line_order import best_order, quick_order
 from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle
-from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts, summarise_block
+from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts
 
 ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
 
@@ -60,8 +60,8 @@ MIN_LEFT = 0.05
 LOST_RATIO = 20.0
 """Time that a metre of a line left out counts, over the time that it takes."""
 
-FREE_CHAINS = 24
-"""Most chains of blocks that are tried within obstacles and a boundary, the quickest first."""
+FULL_LAYOUTS = 16
+"""Number of layouts of laps at a heading that are tried from all corners."""
 
 ACCESS_TRIED = 12
 """Lines whose ways from the start and to the end are tried before the search, the nearest first."""
@@ -346,7 +346,7 @@ def connected(
 ) -> CoverageSolution:
     """The timed solution that flies lines or blocks in this order, from the start point to home by the quickest turns.
 
-    A line has its lead-in and its overshoot, and all its legs, if it has several.
+    A line has its lead-in, and all its legs, if it has several.
 
     Raises
     ------
@@ -379,33 +379,11 @@ def timed(solution: CoverageSolution, motion: MotionLimits) -> CoverageSolution:
 # --- the Zamboni-like motion ------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A block flown from one of its four corners, number `index` from 0 in the direction of its frame's u.
-
-    `time_s` is the time of the block alone at its lowest c1, without ways to it and from it.
-    """
-
-    frame: StripFrame
-    layout: BlockLayout
-    index: int
-    start: Pose
-    end: Pose
-    time_s: float
-
-    def block(self, request: CoverageRequest) -> Block:
-        """The block in full."""
-        points = self.frame.into(np.array(request.field.outline))
-        first = float(points[:, 0].min()) + (self.index * self.layout.lines + 0.5) * self.layout.pitch_m
-        bounds = BlockBounds(points, request.motion.beyond_m)
-        return build_block(self.frame, bounds, first, self.layout, request.motion)
-
-
 class _Chain(NamedTuple):
-    """Blocks flown one after the other at a heading: the whole time at the lowest c1 [s], and a candidate of each."""
+    """Blocks flown one after the other at a heading, and the whole time at the lowest c1 [s]."""
 
     time_s: float
-    candidates: list[_Candidate]
+    blocks: list[Block]
     heading_rad: float
 
 
@@ -413,76 +391,63 @@ def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> Covera
     """The quickest Zamboni-like path at some headings; None where the field is too narrow, or no path is free."""
     if request.space is not None and request.space.blocks(request.field.parts, request.motion.swath_m / 2):
         return None  # the hull of the laps, which has to be free, comes within half a swath of all ground
-    found = [chain for heading in headings for chain in _zamboni_at(request, heading)]
+    outline = np.array(request.field.outline)
+    designs = [
+        (heading, layout)
+        for heading in headings
+        for layout in layouts(float(np.ptp(frame_of(heading).into(outline)[:, 0])), request.motion)
+    ]
+    # compared from one corner, the best of them then from all
+    drafts_s = [round(next(_chains(request, *design, corners=1)).time_s, TIE_DIGITS) for design in designs]
+    best_first = [designs[i] for i in np.argsort(drafts_s, kind="stable")]
+    found = [chain for design in best_first[:FULL_LAYOUTS] for chain in _chains(request, *design)]
     if not found:
         return None
     if request.space is None:
-        min_s = min(chain.time_s for chain in found)
-        best = next(chain for chain in found if chain.time_s <= min_s * (1 + 1e-9))  # rounding chooses no heading
-        return connected(request, ZAMBONI, best.heading_rad, [[each.block(request)] for each in best.candidates])
-    for chain in sorted(found, key=lambda chain: chain.time_s)[:FREE_CHAINS]:
-        blocks = [candidate.block(request) for candidate in chain.candidates]
+        best = min(found, key=lambda chain: round(chain.time_s, TIE_DIGITS))  # of equal ones the first
+        return connected(request, ZAMBONI, best.heading_rad, [[block] for block in best.blocks])
+    for chain in sorted(found, key=lambda chain: chain.time_s):
         # laps of any sequence of c1 lie in the hull of those at its ends
-        hulls = ([leg.piece for c1 in (0.0, block.min_c1) for leg in block.legs(c1)] for block in blocks)
+        hulls = ([leg.piece for c1 in (0.0, block.min_c1) for leg in block.legs(c1)] for block in chain.blocks)
         if all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
             with suppress(Infeasible):
-                return connected(request, ZAMBONI, chain.heading_rad, [[block] for block in blocks])
+                return connected(request, ZAMBONI, chain.heading_rad, [[block] for block in chain.blocks])
     return None
 
 
-def _zamboni_at(request: CoverageRequest, heading_rad: float) -> Iterator[_Chain]:
-    """Chains of blocks at a heading: for each layout from either side, every block from its best corner."""
-    motion = request.motion
-    points = frame_of(heading_rad).into(np.array(request.field.outline))
-    left, width = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
-    bounds = BlockBounds(points, motion.beyond_m)
+def _chains(request: CoverageRequest, heading_rad: float, layout: BlockLayout, corners: int = 4) -> Iterator[_Chain]:
+    """Chains of the blocks of a layout at a heading, from either side, every block from the best of its corners."""
+    motion, outline = request.motion, np.array(request.field.outline)
+    rows: list[list[Block]] = [[] for _ in range(layout.blocks)]  # each block from its corners
     # one frame for each corner: u to the right or left of the heading, v a quarter turn from it to either side
-    corners = [(towards, hand, frame_of(heading_rad, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
-    unit_times_s = [_unit_times_s(frame, motion) for _, _, frame in corners]
-    for layout in layouts(width, motion):
-        # of each line, in the frame of the heading: its position, and both ends of its strip of the field [m]
-        lines = left + (np.arange(layout.blocks * layout.lines) + 0.5) * layout.pitch_m
-        strip_m = layout.max_spacing_m(motion)
-        top, low = bounds.above.over(lines, strip_m), -bounds.below.over(lines, strip_m)
-        rows: list[list[_Candidate]] = []  # for each block its candidates
-        for index in range(layout.blocks):
-            own = slice(index * layout.lines, (index + 1) * layout.lines)
-            rows.append([])
-            for (towards, hand, frame), unit_s in zip(corners, unit_times_s, strict=True):
-                # v points along the heading where towards · hand = 1, else against it: lows and tops change places
-                lows, tops = (low[own], top[own]) if towards * hand == 1 else (-top[own], -low[own])
-                u = np.asarray(towards * lines[own], dtype=np.float64)
-                # [::towards]: in the order of growing u
-                lengths, start, end = summarise_block(layout, frame, u[::towards], lows[::towards], tops[::towards])
-                time_s = sum(length * unit for length, unit in zip(lengths, unit_s, strict=True))
-                along_u = index if towards == 1 else layout.blocks - 1 - index
-                rows[-1].append(_Candidate(frame, layout, along_u, start, end, time_s))
-        for order in (rows, rows[::-1])[: min(layout.blocks, 2)]:
-            yield _Chain(*_quickest_chain(request, order), heading_rad)
+    for towards, hand in ((1, 1), (1, -1), (-1, 1), (-1, -1))[:corners]:
+        frame = frame_of(heading_rad, towards, hand)
+        points = frame.into(outline)
+        bounds, left_m = BlockBounds(points, motion.lead_in_m), float(points[:, 0].min())
+        for index, row in enumerate(rows[::towards]):
+            first_m = left_m + (index * layout.lines + 0.5) * layout.pitch_m
+            row.append(build_block(frame, bounds, first_m, layout, motion))
+    own_s = [[motion.time_s([leg.piece for leg in block.legs(block.min_c1)]) for block in row] for row in rows]
+    for order in (1, -1)[: min(layout.blocks, 2)]:
+        yield _Chain(*_quickest_chain(request, rows[::order], own_s[::order]), heading_rad)
 
 
-def _unit_times_s(frame: StripFrame, motion: MotionLimits) -> list[float]:
-    """Times of a metre up a frame's line, a metre down, and half circles of radius 1 m after up and after down [s]."""
-    metres = [straight((0.0, 0.0), frame.out(0.0, v)) for v in (1.0, -1.0)]
-    turns = [half_circle(frame.pose_out(0.0, 0.0, angle), 1.0, -frame.hand) for angle in (math.pi / 2, -math.pi / 2)]
-    return [motion.time_s([piece]) for piece in (*metres, *turns)]
+def _quickest_chain(
+    request: CoverageRequest, rows: Sequence[Sequence[Block]], own_s: Sequence[Sequence[float]]
+) -> tuple[float, list[Block]]:
+    """The least time from start to home by one block of each row, in the rows' order [s]; and those blocks.
 
-
-def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate]]) -> tuple[float, list[_Candidate]]:
-    """The least time from start to home by one candidate of each row, in the rows' order [s]; and those candidates.
-
-    By dynamic programming.
+    `own_s` are the blocks' times. By dynamic programming.
     """
-    starts = [[candidate.start for candidate in row] for row in rows]
-    ends = [[candidate.end for candidate in row] for row in rows]
-    own_s = [np.array([candidate.time_s for candidate in row]) for row in rows]
-    # least time up to candidate b of row i: T_i(b) = min_a (T_i−1(a) + turn(a, b)) + own_i(b), with a its predecessor
-    total_s = own_s[0] + from_start_s(request, starts[0])
+    starts = [[block.start for block in row] for row in rows]
+    ends = [[block.end for block in row] for row in rows]
+    # least time up to block b of row i: T_i(b) = min_a (T_i−1(a) + turn(a, b)) + own_i(b), with a its predecessor
+    total_s = np.array(own_s[0]) + from_start_s(request, starts[0])
     predecessors: list[FloatArray] = []
     for i in range(1, len(rows)):
         times = total_s[:, None] + request.motion.turns_s(ends[i - 1], starts[i])
         predecessors.append(times.argmin(axis=0))
-        total_s = times.min(axis=0) + own_s[i]
+        total_s = times.min(axis=0) + np.array(own_s[i])
     total_s = total_s + to_home_s(request, ends[-1])
     corner = int(total_s.argmin())
     chosen = [rows[-1][corner]]

@@ -64,10 +64,8 @@ class PathKeys(TypedDict):
     time_s: float
     lines: int
     spacing_m: list[float | None]
-    seam_m: float | None
     swath_m: float
     lead_in_m: float
-    overshoot_m: float
     min_radius_m: float | None
     c1: list[float] | None
     at_lowest_c1: _LowestKeys

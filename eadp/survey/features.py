@@ -101,12 +101,9 @@ class Features:
             closed for each in self.features if (closed := each.as_polygons).polygons
         ]
         if not found:
-            lines = [line for each in self.features for line in each.lines]
-            count = sum(len(line) > 1 for line in lines)
-            kinds = [(count, "open line", "open lines"), (len(lines) - count, "point", "points")]
-            only = " and ".join(counted(*kind) for kind in kinds if kind[0])
             expected = "a polygon, or a closed line: a Polygon of GeoJSON, alone or in a Feature, or of KML"
-            raise source.error((1, 1), f"no polygon{f', only {only}' if only else ''}", expected)
+            only = ", only open lines and points" if any(each.lines for each in self.features) else ""
+            raise source.error((1, 1), f"no polygon{only}", expected)
         return found
 
 
@@ -131,7 +128,7 @@ def read_features(source: SourceText, *, metres: bool) -> Features:
     head = source.body.lstrip()[:HEAD]
     if not head:
         raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
-    if head[0] in "{[" or _ASSIGNED.match(head):
+    if head[0] in "{[":
         found = _GeoJson(source, metres).read()
     else:
         refuse_wpml(Text(source.name, source.body))
@@ -155,8 +152,6 @@ def _height_m(raw: object, fault: Callable[[str, str], InputError]) -> float | N
 
 # --- GeoJSON
 
-_ASSIGNED = re.compile(r"\s*+(?:var|let|const|export default)?\s*+[\w.$]{1,80}\s*+=\s*+(?=\{)")
-"""A script that gives a name to an object."""
 _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 _DEPTHS = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
 """Lists in lists that the coordinates of a geometry are."""
@@ -166,9 +161,6 @@ _DEGREES = re.compile(r".*(?:CRS84h?|EPSG\W(?:.*\W)?(?:4326|4979|4258|4937))\s*"
 _WEB_MERCATOR = re.compile(r".*\D(?:3857|3785|900913|102100|102113)\s*", re.DOTALL)
 """Of that whose metres are longer than metres away from the equator."""
 _IN_METRES = re.compile(r"\s*(?:m|met(?:re|er)s?)(?![\w/^*·])", re.IGNORECASE)
-_OTHER_LENGTH = re.compile(
-    r"\s*(?:ft|feet|foot|us-ft|yd|yards?|km|kilomet(?:re|er)s?|miles?|cm|mm)(?!\w)", re.IGNORECASE
-)
 
 
 @dataclass
@@ -177,30 +169,28 @@ class _GeoJson:
 
     source: SourceText
     metres: bool
+    degrees: bool = True
+    """Whether coordinates are degrees: by a `crs`, else by the option or `units`; of the whole file."""
+
+    def __post_init__(self) -> None:
+        self.degrees, self._is_stated = not self.metres, False
 
     def read(self) -> Features:
         source = self.source
-        if match := _ASSIGNED.match(source.body):  # blanks keep the places
-            source.body = " " * match.end() + source.body[match.end() :].rstrip().removesuffix(";")
         start = source.location(len(source.body) - len(source.body.lstrip()))
-        found = list(self._features(JsonReader(source).document(), start, []))
-        for each, degrees in found:
-            if degrees != found[0][1]:
-                ours, theirs = ("degrees", "metres") if degrees else ("metres", "degrees")
-                message = f"a feature in {ours} beside one in {theirs}"
-                raise source.error(each.location, message, "units, or a reference system, for all features")
-        degrees = found[0][1] if found else not self.metres
+        found = list(self._features(JsonReader(source).document(), start))
         in_metres = "no --metres" if self.metres else "a file without units in metres"
-        return Features([each for each, _ in found], degrees, "--metres" if degrees else in_metres)
+        return Features(found, self.degrees, "--metres" if self.degrees else in_metres)
 
-    def _features(self, node: Any, at: Location, outer: list[JsonObject]) -> Iterator[tuple[Feature, bool]]:
-        """The features at and below an object, and whether each is in degrees; `outer` are those that enclose it."""
+    def _features(self, node: Any, at: Location) -> Iterator[Feature]:
+        """The features at and below an object."""
         kind = node.get("type") if isinstance(node, JsonObject) else None
         if not isinstance(kind, str):
             raise self.source.error(at, "no object of GeoJSON with a type", "a Polygon, Feature or FeatureCollection")
+        self._read_units(node)
         if kind == "FeatureCollection":
             for item, start in self._members(node, "features", at):
-                yield from self._features(item, start, [*outer, node])
+                yield from self._features(item, start)
             return
         geometry, start = node, at
         if kind == "Feature":
@@ -215,7 +205,7 @@ class _GeoJson:
         height_m = _height_m(properties.get("height"), lambda *wrong: self.source.error(at, *wrong))
         found = Feature(at, [*dict.fromkeys(names)], height_m=height_m)
         self._add(found, geometry, start)
-        yield found, self._units([*outer, node] if geometry is node else [*outer, node, geometry])
+        yield found
 
     def _members(self, node: JsonObject, key: str, at: Location) -> list[tuple[Any, Location]]:
         """The items of a list, each with its location."""
@@ -257,40 +247,29 @@ class _GeoJson:
             for each, offset in zip(value, value.offsets, strict=True)
         ]
 
-    def _units(self, outer: Sequence[Any]) -> bool:
-        """Whether coordinates are degrees: by the option, `units`, or the innermost crs."""
-        objects = [each for each in outer if isinstance(each, JsonObject)]
-        holders = [*objects, *(each.get("properties") for each in objects)]
-        units = [str(each.get("units") or "") for each in holders if isinstance(each, JsonObject)]
-        in_metres = self.metres or any(map(_IN_METRES.match, units))
-        other = next(filter(_OTHER_LENGTH.match, units), None)
-        if other is not None and not in_metres:
-            expected = "metres, or longitude and latitude in degrees"
-            raise self.source.error((1, 1), f"units of {printable(other, 40)}", expected)
-        for node in reversed(objects):
-            if node.get("crs") is not None:
-                return self._system(node["crs"], self.source.location(node.offsets["crs"]), in_metres)
-        return not in_metres
-
-    def _system(self, crs: Any, at: Location, in_metres: bool) -> bool:
-        """As `_units` by a coordinate reference system."""
+    def _read_units(self, node: JsonObject) -> None:
+        """Read `units` and `crs` of an object; raises InputError of a reference system that is not read."""
+        properties = node.get("properties")
+        holders = [node, properties] if isinstance(properties, JsonObject) else [node]
+        if not self._is_stated and any(_IN_METRES.match(str(each.get("units") or "")) for each in holders):
+            self.degrees = False
+        if (crs := node.get("crs")) is None:
+            return
         properties = crs.get("properties") if isinstance(crs, JsonObject) else None
         name = properties.get("name") if isinstance(properties, JsonObject) else None
         name = name[:200] if isinstance(name, str) else ""
         if _DEGREES.fullmatch(name):
-            return True
-        if in_metres and not _WEB_MERCATOR.fullmatch(name):
-            return False
-        expected = f"degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson {printable(self.source.name)}"
-        expected += "" if in_metres else ", or --metres"
-        message = f"the reference system {printable(name, 80) or 'without a name'} is not read"
-        raise self.source.error(at, message, expected)
+            self.degrees = self._is_stated = True
+        elif self.degrees or _WEB_MERCATOR.fullmatch(name):
+            expected = f"degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson {printable(self.source.name)}"
+            expected += ", or --metres" if self.degrees else ""
+            message = f"the reference system {printable(name, 80) or 'without a name'} is not read"
+            raise self.source.error(self.source.location(node.offsets["crs"]), message, expected)
 
 
 # --- KML
 
 _OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
-_MODE = "altitudeMode"
 _LINE = "line"
 """Attribute that has the line of an element."""
 
@@ -336,28 +315,26 @@ def _placemark(holder: Element, source: SourceText) -> Feature:
     names = [name for name in ((holder.findtext("name") or "").strip(), holder.get("id", "")) if name]
     data = {each.get("name", ""): each.findtext("value") or "" for each in holder.iter("Data")}
     data |= {each.get("name", ""): each.text or "" for each in holder.iter("SimpleData")}
-    polygons, tops_m = list[list[Line]](), list[float]()
+    polygons = list[list[Line]]()
     for polygon in holder.iter("Polygon"):
         outer, inner = (polygon.findall(f"{role}/LinearRing/coordinates") for role in (_OUTER, _INNER))
         if len(outer) != 1:
             message = "a second outline" if outer else "a Polygon without an outline"
             expected = f"one {_OUTER} with a LinearRing of coordinates"
             raise source.error((int(polygon.attrib[_LINE]), 1), message, expected)
-        polygons.append([_coordinates(each, tops_m, source) for each in (*outer, *inner)])
+        polygons.append([_coordinates(each, source) for each in (*outer, *inner)])
     lines = [
-        _coordinates(each, tops_m, source)
+        _coordinates(each, source)
         for kind in ("LineString", "Point")
         for geometry in holder.iter(kind)
         for each in geometry.findall("coordinates")
     ]
     height_m = _height_m(data.get("height", "").strip()[:NAME_LIMIT], lambda *wrong: source.error(location, *wrong))
-    if height_m is None and any((each.text or "").strip() == "relativeToGround" for each in holder.iter(_MODE)):
-        height_m = max(tops_m, default=0.0) or None
     return Feature(location, [*dict.fromkeys(names)], polygons, lines, height_m)
 
 
-def _coordinates(element: Element, tops_m: list[float], source: SourceText) -> Line:
-    """The vertices of an element: tuples separated by blanks, each `longitude,latitude[,altitude]`; and altitudes."""
+def _coordinates(element: Element, source: SourceText) -> Line:
+    """The vertices of an element: tuples separated by blanks, each `longitude,latitude[,altitude]`."""
     location, found = (int(element.attrib[_LINE]), 1), list[Point]()
     if len(element):
         raise source.error(location, "an element within coordinates", "vertices alone")
@@ -366,9 +343,7 @@ def _coordinates(element: Element, tops_m: list[float], source: SourceText) -> L
         if not 2 <= len(parts) <= 3 or any(map(number_fault, parts)):
             expected = "longitude,latitude or longitude,latitude,altitude, finite numbers without blanks"
             raise source.error(location, f"{printable(token, 40)} is no position", expected)
-        longitude, latitude, *altitude = map(float, parts)
-        found.append((longitude, latitude))
-        tops_m += altitude
+        found.append((float(parts[0]), float(parts[1])))
     return found
 
 
@@ -404,16 +379,8 @@ def read_table(source: SourceText, metres: bool) -> Features:
     found = _table_feature(chain([head], rows), (0, 1, -1), 2, source)
     if metres:
         return Features([found], degrees=False, remedy="a header lon,lat and no --metres", is_table=True)
-    if _OF_MISSION_PLANNER.match(source.body):
-        ((ring,),) = found.polygons
-        swapped = replace(found, polygons=[[[(longitude, latitude) for latitude, longitude in ring]]])
-        return Features([swapped], degrees=True, is_table=True)
     message = "columns without names, which may be degrees or metres"
     raise InputError(head.fault(0, message, "--metres, or a header such as lon,lat or x_m,y_m"))
-
-
-_OF_MISSION_PLANNER = re.compile(r"#\s*saved by \w* ?Planner", re.IGNORECASE)
-"""Start of a polygon that Mission Planner or APM Planner saves: rows of latitude and longitude."""
 
 
 def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
@@ -421,23 +388,12 @@ def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
     columns: dict[str, int] = {}
     for i, name in enumerate(head.fields):
         role = _ROLES.get(re.sub(r"[\s\[\]()°-]+", "_", name[:80].lower()).strip("_"))
-        if role in columns:
-            message = f"{printable(name, 40)} after {printable(head.fields[columns[role]], 40)}"
-            raise InputError(head.fault(i, message, "one column of each"))
         if role is not None:
-            columns[role] = i
-    degrees = {"lon", "lat"} <= set(columns)
-    if degrees and {"x", "y"} <= set(columns):
-        message = "columns of degrees and of metres"
-        raise InputError(head.fault(max(columns["lon"], columns["x"]), message, "x_m,y_m or lon,lat, not both"))
-    if degrees and metres:
-        raise InputError(head.fault(columns["lon"], "a column of degrees", "x_m,y_m, or no --metres"))
-    for role, partner in (("x", "y"), ("y", "x"), ("lon", "lat"), ("lat", "lon")):
-        if role in columns and partner not in columns:
-            raise InputError(head.fault(len(head.fields), f"no column {partner} beside {role}", _A_HEADER))
-    if not degrees and "x" not in columns and any(name.lower() in ("wkt", "geometry") for name in head.fields):
-        raise InputError(head.fault(0, "geometries as WKT, which are not read", "GeoJSON, which ogr2ogr makes of them"))
-    if not degrees and "x" not in columns:
+            columns.setdefault(role, i)
+    degrees, in_metres = {"lon", "lat"} <= set(columns), {"x", "y"} <= set(columns)
+    if degrees and (in_metres or metres):
+        raise InputError(head.fault(columns["lon"], "a column of degrees", "x_m,y_m or lon,lat, as --metres asks"))
+    if not degrees and not in_metres:
         raise InputError(head.fault(0, "no columns of vertices", f"{_A_HEADER}, or two columns of numbers"))
     east, north = ("lon", "lat") if degrees else ("x", "y")
     return (columns[east], columns[north], columns.get("ring", -1)), degrees

@@ -22,7 +22,6 @@ from eadp.errors import FAULTS_SHOWN, Fault, InputError, printable
 from eadp.io.plan.writer import parameters_of
 from eadp.io.text.streams import Location, SourceText, Text, limit_bytes, read_text
 from eadp.models.airspace import Airspace, Field, Obstacle
-from eadp.models.doubts import NEAR_DEG
 from eadp.models.plan.plan import Plan
 from eadp.plug_ins import plug_ins
 from eadp.survey.features import NAME_LIMIT, Feature, Features, Line, counted, read_features
@@ -55,9 +54,8 @@ RING_LIMIT = 1000
 _TOLERANCES_M = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Tolerances within which a ring of more vertices is simplified [m]."""
 
-_MIRRORED = "longitude and latitude are swapped"
-_SWAPPED = "longitude and latitude seem to be swapped"
-_DEGREES = "longitude within ±180 and latitude within ±90 degrees"
+_ORDER = "longitude before latitude"
+_DEGREES = f"longitude within ±180 and latitude within ±90 degrees, {_ORDER}"
 
 Part = list[tuple[Point, ...]]
 """An outline and its holes [m]."""
@@ -203,7 +201,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     polygons = [(rings, each) for each in chosen for rings in each.polygons]
     # those of three vertices or more; or one that is refused, as it has no area
     wide = [each for each in polygons if len(set(each[0][0])) > 2] or polygons[:1]
-    local, origin_deg = _in_metres(wide, found, source, notes)
+    local, origin_deg = _in_metres(wide, found, source)
     outlines = _Outlines(source, SMALLEST_M2, origin_deg)
     outlines.counts["small"] = len(polygons) - len(wide)
     parts = [part for rings, of in local for part in outlines.parts(_simplified(rings, of, source, notes), of)]
@@ -274,7 +272,7 @@ def _chosen(features: Sequence[Feature], asked: str | None, source: SourceText) 
 
 
 def _in_metres(
-    polygons: list[tuple[list[Line], Feature]], found: Features, source: SourceText, notes: list[str]
+    polygons: list[tuple[list[Line], Feature]], found: Features, source: SourceText
 ) -> tuple[list[tuple[list[Line], Feature]], Point | None]:
     """Polygons in metres, checked; of those in degrees also the place of their origin [°], the middle of the first."""
     (first, *_), of = polygons[0]
@@ -282,7 +280,7 @@ def _in_metres(
         raise _no_area(first, of, source)
     origin_deg = None
     if found.degrees:
-        polygons, origin_deg = _localised(polygons, found, source, notes)
+        polygons, origin_deg = _localised(polygons, found, source)
     vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
     for (x, y), of in vertices:
         if max(abs(x), abs(y)) > LARGEST_M:
@@ -301,24 +299,18 @@ def _in_metres(
 
 
 def _localised(
-    polygons: Sequence[tuple[list[Line], Feature]], found: Features, source: SourceText, notes: list[str]
+    polygons: Sequence[tuple[list[Line], Feature]], found: Features, source: SourceText
 ) -> tuple[list[tuple[list[Line], Feature]], Point]:
     """Metres east and north of the middle of the first outline, and that middle as latitude and longitude [°]."""
     vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
-    across = [x for (x, _), _ in vertices]
-    if 180 < max(map(abs, across)) <= 360 and max(across) - min(across) < _WIDEST_DEG:
-        polygons = [([[(math.remainder(x, 360), y) for x, y in ring] for ring in rings], of) for rings, of in polygons]
-        vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
     _check_degrees(vertices, found.remedy, source)
+    x0, _ = vertices[0][0]  # from which longitudes are counted on, across the antimeridian
+    polygons = [
+        ([[(x0 + math.remainder(x - x0, 360), y) for x, y in ring] for ring in rings], of) for rings, of in polygons
+    ]
     first = polygons[0][0][0]
-    west, east, south, north = _extent(first)
-    if east - west > 180:
-        on = [(x + 360 if x < 0 else x, y) for x, y in first]
-        if _extent(on)[1] - _extent(on)[0] < _WIDEST_DEG:
-            west, east = _extent(on)[:2]
-            notes.append("longitudes counted on across the antimeridian")
-    middle = (west + east) / 2
-    origin = (round((south + north) / 2, 7) + 0.0, round(middle - 360 if middle > 180 else middle, 7) + 0.0)
+    longitude, latitude = _middle(first)
+    origin = (round(latitude, 7) + 0.0, round(math.remainder(longitude, 360), 7) + 0.0)
     x0, y0 = first[0]
     for (x, y), of in vertices:
         # refused before the projection, which maps both sides of the earth to the same plane
@@ -326,8 +318,6 @@ def _localised(
         if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
             message = f"a vertex at longitude {x:.7g}, latitude {y:.7g}: {dx:.6g}° of longitude and {dy:.6g}° of "
             message += "latitude from the first vertex"
-            if all(min(math.dist(each, (x0, y0)) for each in (v, v[::-1])) < NEAR_DEG for v, _ in vertices):
-                message += f": {_SWAPPED} in some vertices"
             raise source.error(of.location, message, _or(_SMALLER, found.remedy))
     local = [([[to_local_m(y, x, origin) for x, y in ring] for ring in rings], of) for rings, of in polygons]
     return local, origin
@@ -335,21 +325,16 @@ def _localised(
 
 def _check_degrees(vertices: Sequence[tuple[Point, Feature]], remedy: str, source: SourceText) -> None:
     """Refuse what cannot be degrees: metres, or longitude and latitude swapped."""
-    beyond = [((x, y), of) for (x, y), of in vertices if abs(x) > 180 or abs(y) > 90]
+    beyond = [((x, y), of) for (x, y), of in vertices if abs(x) > 360 or abs(y) > 90]
     if beyond:
         (x, y), of = beyond[0]
-        which, value, limit = ("longitude", x, 180) if abs(x) > 180 else ("latitude", y, 90)
+        which, value, limit = ("longitude", x, 180) if abs(x) > 360 else ("latitude", y, 90)
         message = f"a {which} of {value:.10g} is beyond ±{limit}, as in {len(beyond)} of {len(vertices)} vertices"
-        if all(abs(x) <= 90 and abs(y) <= 180 for (x, y), _ in vertices):
-            message = f"a latitude of {value:.10g} is beyond ±90: {_SWAPPED}"
         raise source.error(of.location, message, _or(_DEGREES, remedy))
     for (_, y), of in vertices:
         if abs(y) > LATITUDE_LIMIT_DEG:
             message = f"a latitude of {y:.10g}: above {LATITUDE_LIMIT_DEG:g}° nothing is planned"
-            expected = f"latitudes within ±{LATITUDE_LIMIT_DEG:g}"
-            if all(abs(x) <= LATITUDE_LIMIT_DEG for (x, _), _ in vertices):
-                expected += ", as they are where longitude and latitude are swapped"
-            raise source.error(of.location, message, expected)
+            raise source.error(of.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}; {_ORDER}")
 
 
 def _no_area(ring: Line, of: Feature, source: SourceText) -> InputError:
@@ -574,8 +559,9 @@ def _obstacles(
     if rings and not found:
         at = rings[0][1].location
         if any(frame.near_if_swapped(ring, of, source) for ring, of in rings):
+            message = "lies near the field or plan if longitude and latitude are swapped"
             expected = "the order of the field or plan, in which they may be swapped instead"
-            raise source.error(at, f"lies near the field or plan if {_MIRRORED}", expected)
+            raise source.error(at, message, expected)
         if inside or frame.origin_deg is None:  # in degrees a file may have the obstacles of a country
             expected = f"a polygon within {ZONES_M / 1000:g} km, in the units and the grid of the field or plan"
             raise source.error(at, "; ".join(said), expected)

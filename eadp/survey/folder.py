@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from eadp.api.flight import Flight, fly_flight
 from eadp.api.given import File, Overrides, Warn, python_warnings
@@ -17,24 +16,20 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.polygons import Ring, covered_shares, ground_m2, inner_point, strips, uncovered
 from eadp.errors import InputError
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
-from eadp.io.page import page_html
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
+from eadp.survey.documents import FlownRow, JobDocument
 from eadp.survey.figures import write_sorties_figure
 from eadp.survey.report import MIN_SHARE, LeftGround, left_text
 from eadp.survey.resume import MIN_PART_SHARE, SLIVER_SHARE
 from eadp.survey.sorties import SCHEMA, SortiePlan
 
-if TYPE_CHECKING:
-    from eadp.survey.documents import FlownRow, JobDocument
-
-
 SORTIES: str = "sorties.json"
 SORTIES_SCENARIO: str = "scenario.yaml"
 """Files of a folder of sorties: what was planned, and the scenario that flies it."""
 
-FIGURE, PAGE = "sorties", "index.html"
+FIGURE = "sorties"
 
 
 def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None:
@@ -68,14 +63,6 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None
         ]
         task = plan.planner.task
         write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.left)
-        figure = (target / f"{FIGURE}.svg").read_bytes()
-        page = {
-            "title": f"{len(rows)} sorties",
-            "note": "; ".join(" ".join(line.split()) for line in plan.summary()),
-            "figure": base64.b64encode(figure).decode(),
-            "table": plan.table(),
-        }
-        (target / PAGE).write_text(page_html("flights", page), encoding="utf-8")
 
 
 # --- read back
@@ -215,20 +202,9 @@ def simulate_sorties(
         on_flight(name)
         flight = fly_flight(inputs, inputs.preflight(), overrides=[*texts, f"seed={number}"])
         flights[name], summary = flight, flight.summary
-        rows.append(
-            {
-                "sortie": name,
-                "take_off_s": at_s,
-                "completed": summary["completed"],
-                "reason": summary["reason"],
-                "duration_s": summary["duration_s"],
-                "energy_wh": summary["energy_wh"],
-                "distance_m": summary["distance_m"],
-                "soc_final": summary["soc_final"],
-                "reserve_kept": summary["reserve_kept"],
-                "quality": summary["quality"],
-            }
-        )
+        figures: Any = {key: summary.get(key) for key in FlownRow.__annotations__}
+        figures |= {"sortie": name, "take_off_s": at_s}
+        rows.append(figures)
         replans += summary["replans"]
         found: Mapping[str, Any] = summary["solver"]
         solver.update({key: found[key] for key in solver})

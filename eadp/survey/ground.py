@@ -30,8 +30,8 @@ TOLERANCE_SHARE = 0.1
 FLAT_M = 1000.0
 """Extent of a field from which on it is said that its ground is taken as flat [m]."""
 
-RELIEF_POINTS, HOME_POINTS = 50, 25
-"""Points in a row over a field whose relief is taken, and on a way home."""
+HOME_POINTS = 25
+"""Points in a row on a way home."""
 
 HOME_TEXT = "way home   clear of ground and obstacles at {:g} m (home.altitude_m, RTL_ALTITUDE)"
 """What is said of the altitude of the way home."""
@@ -94,18 +94,15 @@ class TerrainTask(NamedTuple):
         terrain = read_terrain(files, np.array(points), field.origin_deg)
         return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
 
-    def pattern(self, pattern: str, field: Field, *, lands: bool) -> str:
-        """Lines in an order instead of either pattern, where laps would be too high above the lower ground, or to land.
+    @staticmethod
+    def pattern(pattern: str, *, lands: bool) -> str:
+        """Lines in an order instead of either pattern: laps have one altitude, too high above the lower ground.
 
         Raises Infeasible where laps are asked for, and a landing.
         """
         if pattern == ZAMBONI and lands:
             raise Infeasible("laps have one altitude, and over terrain the final approach another", "--pattern dubins")
-        if pattern != AUTO or lands:
-            return DUBINS if pattern == AUTO else pattern
-        corners = np.array([vertex for part in field.parts for vertex in part[0]])
-        heights_m = self.terrain.grid(corners, RELIEF_POINTS)
-        return DUBINS if np.nanmax(heights_m) - np.nanmin(heights_m) > self.limits.tolerance_m else AUTO
+        return DUBINS if pattern == AUTO else pattern
 
     def ground(self, field: Field, motion: MotionLimits, apart_m: float, zero: Point) -> Ground:
         """The ground of a flight whose altitudes are 0 at a place [m]. Raises Infeasible where it is not known."""
@@ -187,19 +184,18 @@ class HeightReport(NamedTuple):
         values, highest = self.document(), max(self.flights, key=lambda each: each.profile.above_m.max()).profile
         limits = highest.ground.limits
         (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
-        (least, mean, most), single = values["height_m"], values["altitudes"] == len(self.flights)
+        least, mean, most = values["height_m"]
         elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
         lines = [
             f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
             f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
             f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
         ]
-        if (share := 100 * values["higher_share"]) and single:
-            lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
-        elif share:
+        if share := 100 * values["higher_share"]:
             limit_m = limits.line_m + limits.tolerance_m
-            place = highest.max_place_text
-            lines.append(f"           {share:.0f} % of the lines higher than {limit_m:g} m, most at {place}")
+            lines.append(
+                f"           {share:.0f} % of the lines higher than {limit_m:g} m, most at {highest.max_place_text}"
+            )
         said = []
         if (pixels := values["gsd_cm"]) is not None:
             said.append(f"pixels of {pixels[0]:.2g} to {pixels[2]:.2g} cm, mean {pixels[1]:.2g} cm")

@@ -65,9 +65,6 @@ class PathOptions:
     """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
     roll out of a turn, else 0."""
 
-    overshoot_m: float = 0.0
-    """Straight and level flight after each line [m]."""
-
 
 @dataclass(frozen=True)
 class EndOptions:
@@ -160,13 +157,12 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, EndOptions, P
             message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
             per_hour = f"{math.hypot(*wind_mps):g} km/h are {math.hypot(*wind_mps) / 3.6:.3g} m/s"
             raise option_fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s; {per_hour}")
-        check_range("--overshoot", self.overshoot_m, 0.0, MAX_LENGTH_M, closed=True)
         lead_in = self.lead_in_m
         if lead_in is None:
             rolls_m = 0.0 if self.forward_overlap is None else roll_out_m(airframe, speed + math.hypot(*wind_mps))
             lead_in = float(math.ceil(rolls_m))
         check_range("--lead-in", lead_in, 0.0, MAX_LENGTH_M, closed=True)
-        return MotionLimits(swath, least, ideal, apart, speed, wind_mps, lead_in, self.overshoot_m)
+        return MotionLimits(swath, least, ideal, apart, speed, wind_mps, lead_in)
 
     @property
     def heading_rad(self) -> float | None:

@@ -144,14 +144,6 @@ class CoverageReport:
         return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion.swath_m)
 
     @property
-    def seam_m(self) -> float | None:
-        """Distance of the lines where the first lines of laps meet the second ones, and blocks meet [m].
-
-        It holds at every c1, as the laps of a block end there; None for a plan without laps.
-        """
-        return self.solution.blocks[0].layout.pitch_m if self.solution.blocks else None
-
-    @property
     def _steps(self) -> list[float]:
         return self.solution.blocks[0].steps() if self.solution.blocks else []
 
@@ -173,17 +165,14 @@ class CoverageReport:
 
     def comments(self, name: str) -> list[str]:
         """Comment lines for the head of a plan that covers the field of a name."""
-        full, least, motion = self.full, self.least, self.motion
-        lines = [
-            f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
-            f"more; lines {self._heading_text} deg.",
-            f"{_counted(full.lines, 'line')}, {full.length_m:.0f} m",
-        ]
-        if least is not full:
-            lines[1] += f" with a spacing of {full.spacing_m:.4g} m; {least.lines} lines, {least.length_m:.0f} m "
-            lines[1] += f"with {least.spacing_m:.4g} m, c1 = {number_text(least.c1)}"
-            lines.append(f"A lap less in each block from a spacing of {self._steps_text} m on")
-        return lines
+        motion, lines = self.motion, []
+        for end in self.ends:
+            spacing = "" if end.spacing_m is None else f", {end.spacing_m:.4g} m apart"
+            lines.append(
+                f"{_counted(end.lines, 'line')}{spacing}, {end.length_m:.0f} m with c1 = {number_text(end.c1)}"
+            )
+        swath = f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or more"
+        return [f"{swath}; lines {self._heading_text} deg.", *lines]
 
     def document(self, normalised: Sequence[str], plan: str) -> PathKeys:
         """The values of `eadp.cover/1`, with the repairs made to the field and the plan's text."""
@@ -199,10 +188,8 @@ class CoverageReport:
             "time_s": full.time_s,
             "lines": full.lines,
             "spacing_m": [full.spacing_m, least.spacing_m],
-            "seam_m": self.seam_m,
             "swath_m": self.motion.swath_m,
             "lead_in_m": self.motion.lead_in_m,
-            "overshoot_m": self.motion.overshoot_m,
             "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
             "c1": [least.c1, full.c1] if least is not full else None,
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
@@ -256,8 +243,8 @@ class CoverageReport:
             lines.append(f"laps       one less in each block from a spacing of {self._steps_text} m on")
         tightest = min(end.min_radius_m for end in self.ends)
         wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
-        beyond = f"laps turn {self.motion.beyond_m:g} m farther out" if blocks else self.motion.beyond_text
-        lines.append(f"turns      {wide}{f'; {beyond}' if self.motion.beyond_m else ''}")
+        lead_in = f"; straight for {self.motion.lead_in_m:g} m before each line" if self.motion.lead_in_m else ""
+        lines.append(f"turns      {wide}{lead_in}")
         if not blocks:
             lines.append(f"spacing    {FIXED_SPACING}")
         return [*lines, self.motion.wind_text]
@@ -441,12 +428,9 @@ class CoveragePlan:
         return [f"landing    {how}{circle}{px4}"]
 
     def _overlap_text(self) -> list[str]:
-        """The overlap of neighbouring lines, and where it is always less."""
+        """The overlap of neighbouring lines."""
         shares = [f"{100 * share:.0f} %" for share in self._side_overlaps if share is not None]
-        seam_m = self.report.seam_m
-        seam = self._overlap(seam_m)
-        where = "" if seam is None else f"; {100 * seam:.0f} %, {seam_m:.1f} m, in the middle of each block"
-        return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
+        return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line"] if shares else []
 
     def _batteries_text(self) -> list[str]:
         """What the energy is of, and how many packs the path takes."""

@@ -71,12 +71,6 @@ class SortieOptions:
     sorties: Annotated[int | str | None, Flag(metavar="NUMBER")] = None
     """Divide the field among flights from home: auto for the fewest, or a number."""
 
-    overlap_m: Annotated[float, Flag("--sortie-overlap")] = OVERLAP_M
-    """What both parts of a line that is cut have in common [m]."""
-
-    swap_s: Annotated[float, Flag("--swap-time")] = SWAP_S
-    """Time on the ground between two sorties [s]."""
-
     resume: Annotated[Sequence[str], Flag(metavar="FLOWN")] = ()
     """Flights flown, as result folders, telemetry, .bin, .ulg or .tlog: what they covered is left out."""
 
@@ -90,8 +84,6 @@ class SortieOptions:
             expected = f"auto, or a whole number from 1 to {MAX_SORTIES}"
             raise InputError.at("--sorties", 1, 1, "no number of sorties", expected, str(self.sorties))
         check_range("--sorties", 1 if self.count is None else self.count, 1, MAX_SORTIES, closed=True)
-        check_range("--sortie-overlap", self.overlap_m, 0, 1000, closed=True)
-        check_range("--swap-time", self.swap_s, 0, 86400, closed=True)
 
 
 @dataclass(frozen=True)
@@ -252,12 +244,12 @@ class SortiePlanner:
 
         def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
             """The fewest sorties over the lines in an order, by default side by side."""
-            division = Division(ground, grid, self.options.overlap_m, order)
+            division = Division(ground, grid, OVERLAP_M, order)
             divider = Divider(division, forecast, cuts=not laps, on_part=self.on_part)
             return divider.fewest(max(min_count, self.options.count or 1))
 
         self.on_part("the lines are chosen")
-        side_by_side = Division(ground, grid, self.options.overlap_m)
+        side_by_side = Division(ground, grid, OVERLAP_M)
         sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
         min_count = self._min_count(sample.inputs, side_by_side)
         found = divided()
@@ -345,7 +337,7 @@ class SortiePlan:
     @cached_property
     def starts_s(self) -> list[float]:
         """Take-off of each sortie [s]."""
-        took_s = [each.time_s + self.planner.options.swap_s for each in self.sorties[:-1]]
+        took_s = [each.time_s + SWAP_S for each in self.sorties[:-1]]
         return list(itertools.accumulate(took_s, initial=0.0))
 
     @cached_property
@@ -415,7 +407,7 @@ class SortiePlan:
 
     def document(self) -> SortiesDocument:
         """The values of `eadp.sorties/1`."""
-        task, options, rows = self.planner.task, self.planner.options, self.rows()
+        task, rows = self.planner.task, self.rows()
         first = self.divided.sorties[0].solution
         return {
             "schema": SCHEMA,
@@ -432,8 +424,8 @@ class SortiePlan:
             "time_s": self.time_s,
             "coverage": self.coverage,
             "left": [each.document(task.field.origin_deg) for each in self.left],
-            "swap_s": options.swap_s,
-            "overlap_m": options.overlap_m,
+            "swap_s": SWAP_S,
+            "overlap_m": OVERLAP_M,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},

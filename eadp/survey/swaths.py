@@ -173,8 +173,7 @@ class MotionLimits:
     """Swath, turning radii, line spacing, airspeed and wind of a coverage path.
 
     `spacing_m` is the line spacing at c1 = 0, `radius_m` the ideal turning radius of the letter. Lines and turns are
-    timed at `airspeed_mps` in `wind_mps`. Before and after each line the flight is straight for `lead_in_m` and
-    `overshoot_m`.
+    timed at `airspeed_mps` in `wind_mps`. Before each line the flight is straight for `lead_in_m`.
     """
 
     swath_m: float
@@ -184,18 +183,6 @@ class MotionLimits:
     airspeed_mps: float = 15.0
     wind_mps: Point = (0.0, 0.0)
     lead_in_m: float = 0.0
-    overshoot_m: float = 0.0
-
-    @property
-    def beyond_m(self) -> float:
-        """What a line that is flown either way needs beyond both of its ends [m]."""
-        return max(self.lead_in_m, self.overshoot_m)
-
-    @property
-    def beyond_text(self) -> str:
-        """What is flown beyond lines, for people."""
-        sides = ((self.lead_in_m, "before"), (self.overshoot_m, "after"))
-        return "straight for " + ", ".join(f"{length_m:g} m {side} each line" for length_m, side in sides if length_m)
 
     @cached_property
     def windless(self) -> bool:
@@ -312,24 +299,18 @@ class CoverageLeg:
         return CoverageLeg(piece, self.sensing, gaps)
 
     def led(self, motion: MotionLimits) -> CoverageLeg:
-        """The straight leg made longer by the lead-in and the overshoot, which have no gaps of their own."""
-        before, after = motion.lead_in_m, motion.overshoot_m
-        if not (before or after):
+        """The straight leg made longer by the lead-in, which has no gaps of its own."""
+        before = motion.lead_in_m
+        if not before:
             return self
-        start, end = self._at(-before), self._at(self.piece.length_m + after)
+        x, y, _ = self.piece.pose_at(-before)
         gaps = tuple((low + before, high + before) for low, high in self.gaps_m)
-        return CoverageLeg(straight(start, end), self.sensing, gaps)
+        return CoverageLeg(straight((x, y), self.end[:2]), self.sensing, gaps)
 
     def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
-        """The straight leg between its lead-in and its overshoot, which cover no ground."""
-        whole = self.led(motion)
-        before = [CoverageLeg(straight(whole.start[:2], self.start[:2]))] if motion.lead_in_m else []
-        return [*before, self, *([CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else [])]
-
-    def _at(self, place_m: float) -> Point:
-        """The point of the straight leg at a place along it, which may lie beyond its ends [m]."""
-        x, y, _ = self.piece.pose_at(place_m)
-        return x, y
+        """The straight leg after its lead-in, which covers no ground."""
+        before = [CoverageLeg(straight(self.led(motion).start[:2], self.start[:2]))] if motion.lead_in_m else []
+        return [*before, self]
 
     def cut(self, *places_m: float) -> list[CoverageLeg]:
         """The leg in several, cut at places along it [m]; the parts have no gaps."""

@@ -72,12 +72,6 @@ class ElevationModel:
         """A point, shape (2,) [m], for people."""
         return point_text((float(point_m[0]), float(point_m[1])), self.origin_deg)
 
-    def grid(self, points_m: FloatArray, count: int) -> FloatArray:
-        """Heights over the box of points, shape (count, count) from south-west [m]."""
-        x, y = np.linspace(points_m.min(axis=0), points_m.max(axis=0), count).T
-        nodes = np.column_stack([each.ravel() for each in np.meshgrid(x, y)])
-        return self.heights_m(nodes).reshape(count, count)
-
     def known_m(self, points_m: FloatArray) -> FloatArray:
         """`heights_m` where all are known.
 

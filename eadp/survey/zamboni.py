@@ -254,44 +254,6 @@ class BlockBounds:
         self.below: Envelope = upper_envelope(points_m * np.array([1.0, -1.0]) + out)
 
 
-def summarise_block(
-    layout: BlockLayout, frame: StripFrame, u_m: FloatArray, low_m: FloatArray, top_m: FloatArray
-) -> tuple[tuple[float, ...], Pose, Pose]:
-    """Lengths and ends of a block at its lowest c1, from its lines alone: much less work than its legs.
-
-    Parameters
-    ----------
-    layout : BlockLayout
-    frame : StripFrame
-        The block's frame.
-    u_m, low_m, top_m : array, shape (lines,)
-        Position of each line in the frame, in the order of growing u, and the lower and upper end of its strip of the
-        field [m]. The first `layout.firsts` lines are the laps' first lines, the others their second lines.
-
-    Returns
-    -------
-    lengths : tuple of 4 floats
-        Metres flown up the lines and down the lines, the sum of the radii of all first turns, and that of all second
-        turns [m]: times the time of a metre or of a half circle of 1 m they give the time of flight.
-    start, end : (float, float, float)
-        The poses at both ends.
-    """
-    laps = layout.firsts
-    first_low, second_low = low_m[:laps], low_m[laps:]
-    seconds = len(second_low)
-    tops = top_m[:laps].copy()  # the level of the turn from each first line to its second
-    tops[:seconds] = np.maximum(tops[:seconds], top_m[laps:])
-    lows = np.minimum(second_low[: laps - 1], first_low[1:])  # the level of the turn from each lap to the next
-    up = (tops - np.append(first_low[:1], lows)).sum()
-    if seconds == laps:
-        down, end = (tops - np.append(lows, second_low[-1:])).sum(), (u_m[-1], second_low[-1], -UP)
-    else:  # the last lap has no second line
-        down, end = (tops[:-1] - lows).sum(), (u_m[laps - 1], tops[-1], UP)
-    lengths = float(up), float(down), seconds * layout.first_radius_m, (laps - 1) * layout.second_radius_m
-    first, last = (frame.pose_out(float(u), float(v), heading) for u, v, heading in ((u_m[0], first_low[0], UP), end))
-    return lengths, first, last
-
-
 def build_block(
     frame: StripFrame, bounds: BlockBounds, first_m: float, layout: BlockLayout, motion: MotionLimits
 ) -> Block:

@@ -9,12 +9,11 @@ import re
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from typer import Argument
 
 from eadp.cli.output import Progress, alarm, emit, json_text, usage_fault, warn
-from eadp.core import compiled
 from eadp.errors import printable
 from eadp.io.page import check_page, page_of
 from eadp.io.scenario import read_overrides
@@ -185,15 +184,6 @@ def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
 def _make(sweep: Sweep, results: Results, options: SweepOptions) -> None:
     """Make the runs that are missing, with the progress on stderr."""
     with missing_runs(sweep, results, options.jobs, options.scheduler, options.keep) as (missing, workers, made):
-        if missing and options.scheduler is None:
-            why = compiled.why_off()
-            if why is None and not compiled.kept():
-                sys.stderr.write(
-                    "sweep: compiling for this machine first, for some seconds; later sweeps start at once\n"
-                )
-            elif why not in (None, compiled.NOT_INSTALLED):
-                sys.stderr.write(f"sweep: flights are not compiled, and take longer: {why}\n")
-            sys.stderr.flush()
         progress = _SweepProgress(missing, workers)
         try:
             for _, result in made:
@@ -305,46 +295,26 @@ def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     write_rows(sys.stdout, itertools.chain([head], texts))
 
 
-class Case(NamedTuple):
-    """A test: its name, the time that it took [s], what is wrong, as `failure` or `error`, and what to know besides."""
-
-    name: str
-    time_s: float
-    wrong: str | None = None
-    kind: str = "failure"
-    note: str | None = None
-
-
-def junit_text(title: str, cases: Sequence[Case]) -> str:
-    """A suite of tests as XML."""
-    import xml.etree.ElementTree as ET
-
-    kinds = [case.kind for case in cases if case.wrong is not None]
-    counts = {"tests": len(cases), "failures": kinds.count("failure"), "errors": kinds.count("error")}
-    time_s = f"{sum(case.time_s for case in cases):.3f}"
-    name = printable(title)
-    suite = ET.Element("testsuite", {"name": name, **{key: str(n) for key, n in counts.items()}, "time": time_s})
-    for case in cases:
-        test = ET.SubElement(suite, "testcase", classname=name, name=printable(case.name), time=f"{case.time_s:.3f}")
-        if case.wrong is not None:
-            ET.SubElement(test, case.kind, message=printable(case.wrong, 2000))
-        if case.note is not None:
-            ET.SubElement(test, "system-out").text = printable(case.note, 2000)
-    ET.indent(suite)
-    return ET.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
-
-
 def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> str:
     """The runs as a JUnit report: a test for each, which fails where it is not what is required."""
-    cases = []
+    import xml.etree.ElementTree as ET
+
+    suite, name = ET.Element("testsuite"), printable(sweep.name)
     for flight in all_flights:
         values = [f"{key}={label_of(flight.values[key])}" for key in _varied(sweep)]
+        title = printable(", ".join([*values, f"seed={flight.seed}"]))
+        test = ET.SubElement(suite, "testcase", classname=name, name=title, time=f"{flight.took_s:.3f}")
         kept = "" if flight.soc_final is None else f"; state of charge {flight.soc_final:.3f} at the end"
-        wrong = None if meets(flight, require) else f"{flight.reason or 'not completed'}{kept}"
-        title = ", ".join([*values, f"seed={flight.seed}"])
-        kind = "failure" if flight.error is None else "error"
-        cases.append(Case(title, flight.took_s, flight.error or wrong, kind, _solver_text([flight])))
-    return junit_text(sweep.name, cases)
+        if flight.error is not None:
+            ET.SubElement(test, "error", message=printable(flight.error, 2000))
+        elif not meets(flight, require):
+            ET.SubElement(test, "failure", message=f"{flight.reason or 'not completed'}{kept}")
+        if (note := _solver_text([flight])) is not None:
+            ET.SubElement(test, "system-out").text = note
+    counts = {f"{kind}s": str(len(suite.findall(f"testcase/{kind}"))) for kind in ("failure", "error")}
+    suite.attrib |= {"name": name, "tests": str(len(all_flights)), **counts}
+    ET.indent(suite)
+    return ET.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def meets(flight: SweepFlight, require: str) -> bool:

@@ -35,10 +35,6 @@ Done = tuple[list[Result], float]
 QUEUED = 8
 """Tasks held for each worker: the current one and those that it makes meanwhile."""
 
-GATHER_S, LOOK_S = 0.03, 0.002
-"""Time in which finished runs are gathered, to be stored together, until half of the tasks are done; and time between
-two looks [s]."""
-
 TASK_S = 0.5
 """Time that the runs of a task shall take together [s]."""
 
@@ -110,11 +106,7 @@ class QueueEngine:
             self._recover()
             self._size = 1
             self.submit(self._suspects.popleft())
-        # one task, and those that are done soon after it
         results = self._ended()
-        end_s = time.monotonic() + GATHER_S
-        while 2 * self._done.qsize() < len(self._under_way) and time.monotonic() < end_s:
-            time.sleep(LOOK_S)
         while not self._done.empty() or (self._broken and self._under_way):
             results += self._ended()
         self._recover()

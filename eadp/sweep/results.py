@@ -2,13 +2,11 @@
 
 Guarantees: A result is in the file whole or not at all, and once: the table's primary key is the run's key, a hash of
 all that it depends on, and the first result of a run stays. A process that is killed at any moment leaves a readable
-file; the next process makes the runs that are not in it. A file whose structure is damaged is refused when it is
-opened, and a row that is not as it was stored, by its digest, when it is read.
+file; the next process makes the runs that are not in it. A file that is damaged is refused when it is opened.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -129,7 +127,7 @@ def label_of(value: Any) -> str:
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
-SCHEMA_VERSION = 7
+SCHEMA_VERSION = 8
 BUSY_S = 60.0
 """Longest time that another process may lock the file [s]."""
 
@@ -142,11 +140,11 @@ KEYS_PER_QUERY = 500
 _TABLES = f"""
 CREATE TABLE runs (
     key TEXT PRIMARY KEY, code TEXT NOT NULL, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
-    {", ".join(COLUMNS)}, error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL
+    {", ".join(COLUMNS)}, error TEXT, summary TEXT, took_s REAL NOT NULL
 );
 """
 _ROW = ("key", "code", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
-"""Columns of a row that its digest is of, which is the last."""
+"""Columns of a row."""
 
 _SHOWN_CODE = (
     "coalesce((SELECT code FROM runs WHERE code = ?1 LIMIT 1), (SELECT code FROM runs ORDER BY rowid DESC LIMIT 1))"
@@ -224,17 +222,11 @@ class Results:
             return [place for (place,) in self._connection.execute(query)]
 
     def rows(self, *, summaries: bool = False) -> Iterator[dict[str, Any]]:
-        """Figures and error of each expected run, in order; with `summaries`, the summary instead of the figures.
-
-        Raises
-        ------
-        InputError
-            At a row that is damaged.
-        """
+        """Figures and error of each expected run, in order; with `summaries`, the summary instead of the figures."""
         names = ("summary", "error") if summaries else (*COLUMNS, "error", "took_s")
         with self._sqlite_errors():
-            for stored in self._whole_rows("SELECT runs.* FROM wanted JOIN runs USING (key) ORDER BY place"):
-                row = dict(zip(_ROW, stored, strict=False))
+            for stored in self._connection.execute("SELECT runs.* FROM wanted JOIN runs USING (key) ORDER BY place"):
+                row = dict(zip(_ROW, stored, strict=True))
                 if row["completed"] is not None:
                     row |= {name: bool(row[name]) for name in ("completed", "reserve_kept")}
                     row["summary"] = json.loads(row["summary"])
@@ -244,16 +236,11 @@ class Results:
         """Every run of this code, or else of that stored last: key, files, overrides, seed, figures and error.
 
         They are in the order of keys, which is random.
-
-        Raises
-        ------
-        InputError
-            At a row that is damaged.
         """
         with self._sqlite_errors():
             query = f"SELECT * FROM runs WHERE code = {_SHOWN_CODE} ORDER BY key"
-            for stored in self._whole_rows(query, code_identity()):
-                row = dict(zip(_ROW, stored, strict=False))
+            for stored in self._connection.execute(query, (code_identity(),)):
+                row = dict(zip(_ROW, stored, strict=True))
                 yield {**row, "files": json.loads(row["files"]), "overrides": json.loads(row["overrides"])}
 
     def other_code(self) -> tuple[int, str]:
@@ -267,13 +254,6 @@ class Results:
         """The number of all runs, of any code."""
         with self._sqlite_errors():
             return int(self._connection.execute("SELECT count(*) FROM runs").fetchone()[0])
-
-    def _whole_rows(self, query: str, *values: str) -> Iterator[tuple[Any, ...]]:
-        """Rows of the results; raises InputError at one that is not as it was stored."""
-        for row in self._connection.execute(query, values):
-            if _digest(row[:-1]) != row[-1]:
-                raise _damaged(self._path)
-            yield row
 
     # --- results that come
 
@@ -291,7 +271,7 @@ class Results:
         """Store results; the first of each run stays."""
         with self._sqlite_errors(), self._transaction():
             rows = [self._row(run, result) for run, result in results]
-            marks = ", ".join("?" * (len(_ROW) + 1))
+            marks = ", ".join("?" * len(_ROW))
             self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
 
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
@@ -303,8 +283,7 @@ class Results:
         text = None if summary is None else json.dumps(summary, ensure_ascii=False, allow_nan=False)
         files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]
-        row = (run.key, code_identity(), files, overrides, seed, *figures, result.error, text, result.took_s)
-        return (*row, _digest(row))
+        return (run.key, code_identity(), files, overrides, seed, *figures, result.error, text, result.took_s)
 
     # --- failures
 
@@ -336,7 +315,7 @@ class Results:
         """SQLite's errors as faults of the file."""
         try:
             yield
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes a damaged file in its own errors
+        except (sqlite3.Error, ValueError) as error:  # SQLite quotes a damaged file in its own errors
             raise _fault(self._path, error) from None
 
 
@@ -358,12 +337,6 @@ def _is_still(path: str) -> bool:
     """Whether a file is where nothing can be written: SQLite cannot lock it there, and need not."""
     folder = os.path.dirname(path) or "."
     return os.path.exists(path) and not os.access(folder, os.W_OK) and not os.path.exists(f"{path}-wal")
-
-
-def _digest(row: Sequence[Any]) -> str:
-    """A hash of a row's values; of a number, as SQLite's column may make it a real one."""
-    values = [float(value) if isinstance(value, int) else value for value in row]
-    return hashlib.blake2b(repr(values).encode(), digest_size=16).hexdigest()
 
 
 def _damaged(path: str) -> InputError:

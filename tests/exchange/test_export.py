@@ -105,25 +105,6 @@ def test_a_coverage_reads_back_as_the_same_path(eadp, tmp_path):
             assert same(plan, back, (c1,))
 
 
-def test_a_turn_has_a_corner_for_each_quarter_and_a_short_line_within_it_no_waypoint(eadp, tmp_path):
-    """A corner says how far before it the turn begins, so that a reader with another radius has the same path."""
-    out = tmp_path / "meadow.plan"
-    given = ("--min-radius", "40", "--swath", "90", "--pattern", "dubins", "--heading", "0", "--spacing", "90")
-    assert eadp("cover", "plans/meadow.geojson", *given, "-o", out).code == 0
-    plan, _ = read_plan(read_text(str(out)))
-    path = path_of(plan)
-    arcs = [section.arc for section in path.sections if section.arc]
-    corners = sum(math.ceil(2 * arc.sweep_rad / math.pi - 1e-9) for arc in arcs)
-    long = sum(not each.arc and math.dist(each.start_m, each.end_m) >= 50 for each in path.sections)
-    short = len(path.sections) - len(arcs) - long
-    assert short > 0, "turns with a line between"
-    items = mission_items(path)
-    assert len(items) <= corners + 2 * long
-    back, findings = READER(Text("m", EXPORTS["ardupilot"](path)))
-    assert same(plan, back)
-    assert findings == []
-
-
 def test_half_and_whole_turns_are_loiters_and_lines_have_their_ends():
     plan, _ = read_plan(Text("p", LINES))
     exported = mission_items(path_of(plan))
@@ -451,25 +432,6 @@ def test_the_take_off_has_a_pitch_and_the_mission_its_airspeed_from_the_start(to
     assert [(item.command, *item.parameters[:2]) for item in again] == [(22, 11.0, 0), (178, 0, 17)]
 
 
-def test_pitch_and_airspeed_are_those_of_the_aircraft(eadp):
-    """Of the scenario: as asin(climb / airspeed). Without one neither is known."""
-    words = ("export", "plans/survey.plan", "--to", "ardupilot", "--origin", "55.37,10.43", "--home", "55.368,10.43")
-    flown = ("--scenario", "scenarios/survey.yaml", "--set", "vehicle.airframe.max_climb_rate_mps=2")
-    for more, commanded in ((("--set", "spacing=20"), [(22, 0)]), (flown, [(22, 8), (178, 15)])):
-        rows = [row.split("\t") for row in eadp(*words, *more).out.splitlines()[1:]]
-        found = [(int(row[3]), float(row[5 if row[3] == "178" else 4])) for row in rows if row[3] in ("22", "178")]
-        assert found == commanded
-    assert math.degrees(math.asin(2 / 15)) == pytest.approx(8, abs=0.5)
-
-
-def test_a_stage_has_its_own_airspeed_and_not_the_stated_one():
-    plan, _ = read_plan(Text("p", LINES.replace("0.0005; 270", "%: airspeed 21\n0.0005; 270")))
-    assert [stage.airspeed_mps for stage in plan.stages] == [None, 21, 21]
-    for stated, wanted in ((17.0, [17, 21]), (21.0, [21]), (None, [21])):
-        items = mission_items(path_of(plan, stated_mps=stated))
-        assert [item.parameters[1] for item in items if item.command == 178] == wanted
-
-
 # --- maps and Paparazzi -----------------------------------------------------------------------------------------------
 
 
@@ -652,15 +614,6 @@ def test_what_cannot_be_exported_writes_nothing(eadp, tmp_path, arguments, words
     assert not out.exists()
 
 
-def test_an_altitude_is_not_taken_beside_those_of_the_plan(eadp, tmp_path):
-    plan, out, given = tmp_path / "p.plan", tmp_path / "m", ("--to", "qgc", "--origin", "47,8", "--altitude", "80")
-    plan.write_text(f"%: altitude 60\n{LINES}")
-    assert refused(eadp("export", plan, *given, "-o", out), "--altitude:1:1: error: the plan has altitudes of its own")
-    assert not out.exists()
-    plan.write_text(LINES)
-    assert eadp("export", plan, *given, "-o", out).code == 0
-
-
 # --- software of others -----------------------------------------------------------------------------------------------
 
 
@@ -728,6 +681,10 @@ def test_mavsdk_imports_it():
                 assert (found.x / 1e7, found.y / 1e7, found.z) == pytest.approx(item.parameters[4:], abs=2e-7)
 
 
-def test_the_documented_formats_are_those():
-    page = (ROOT / "docs/missions.md").read_text(encoding="utf-8")
-    assert all(f"`{name}`" in page for name in EXPORTS)
+def test_an_altitude_is_not_taken_beside_those_of_the_plan(eadp, tmp_path):
+    plan, out, given = tmp_path / "p.plan", tmp_path / "m", ("--to", "qgc", "--origin", "47,8", "--altitude", "80")
+    plan.write_text(f"%: altitude 60\n{LINES}")
+    assert refused(eadp("export", plan, *given, "-o", out), "--altitude:1:1: error: the plan has altitudes of its own")
+    assert not out.exists()
+    plan.write_text(LINES)
+    assert eadp("export", plan, *given, "-o", out).code == 0

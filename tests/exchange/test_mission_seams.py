@@ -92,17 +92,6 @@ def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
 
 
 @pytest.mark.slow
-def test_check_finds_a_path_into_an_obstacle(eadp, covered, tmp_path):
-    assert eadp("plan", covered, "--check").code == 0
-    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
-    answer = eadp("plan", plan, "--check", "--format", "json")
-    assert answer.code == 1
-    (found,) = [each for each in json.loads(answer.out)["findings"] if each["code"] == "airspace"]
-    assert found["severity"] == "error"
-    assert found["message"] == "the path enters house"
-
-
-@pytest.mark.slow
 def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
     text = covered.read_text()
     plan = tmp_path / "small.plan"
@@ -110,17 +99,6 @@ def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
     answer = eadp("simulate", plan, *FLIGHT)
     assert answer.code == 1
     assert "NOT completed: left the boundary at " in answer.out
-
-
-@pytest.mark.slow
-def test_a_sweep_judges_its_flights_alike(eadp, covered, tmp_path):
-    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
-    sweep = tmp_path / "sweep.yaml"
-    lines = ["schema: eadp.sweep/1", f"plan: {plan}", "profile: profiles/pednet-jetson-nano.yaml"]
-    sweep.write_text("\n".join([*lines, "grid: {wind.speed_mps: [0, 3]}"]).replace("profiles/", f"{ROOT}/profiles/"))
-    rows = eadp("sweep", sweep, "--jobs", "1", "--format", "csv", "--set", "step_s=0.05").out.splitlines()
-    assert len(rows) == 3
-    assert all("entered house" in row for row in rows[1:])
 
 
 @pytest.mark.parametrize(
@@ -367,27 +345,10 @@ def test_a_fence_that_is_of_no_use_is_refused(eadp, leg, tmp_path, option, rings
     assert refused(eadp("plan", leg, option, tmp_path / "fence.txt"), message)
 
 
-def test_a_start_beyond_a_fence_is_refused(eadp, leg, tmp_path):
-    (tmp_path / "fence.txt").write_text(fence_rows((5001, ACROSS)))
-    plan = planned(eadp, tmp_path / "fenced.plan", leg, "--inside", tmp_path / "fence.txt")
-    assert refused(eadp("simulate", plan), "the start (0, 0) lies in an obstacle or beyond the boundary")
-
-
 def test_a_fence_in_degrees_beside_a_plan_in_metres_is_refused(eadp, tmp_path):
     (tmp_path / "fence.txt").write_text(fence_rows((5001, AROUND)))
     answer = eadp("plan", "plans/survey.plan", "--inside", tmp_path / "fence.txt")
     assert refused(answer, "is in degrees, and what it lies beside is in metres")
-
-
-@pytest.mark.parametrize(("key", "place"), [("start", "[0, 0]"), ("home", "[0, 0]")])
-def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place):
-    plan = tmp_path / "house.plan"
-    plan.write_text("%: avoid house height 30 -20,-20 20,-20 20,20 -20,20\n1; 0; y-200\n300,200\n")
-    setting = ("--set", f"{key}.position_m={place}")
-    away = () if key == "start" else ("--set", "start.position_m=[-200, 200]")
-    assert refused(eadp("simulate", plan, *setting, *away), f"the {key} (0, 0) lies in an obstacle")
-    for free in (("obstacles=ignore",), ("vehicle.airframe.cruise_altitude_m=40",)):
-        assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0
 
 
 @pytest.mark.parametrize("seconds", few([130, 400], 1))
@@ -421,3 +382,20 @@ def test_telemetry_that_leaves_nothing_or_has_no_planner_is_refused(eadp, tmp_pa
     assert refused(eadp(*place), "needs a planner")
     static = ("--scenario", "scenarios/survey.yaml", "--set", "planner.name=static")
     assert refused(eadp(*place, *static), "leaves nothing to fly")
+
+
+@pytest.mark.parametrize(("key", "place"), [("start", "[0, 0]"), ("home", "[0, 0]")])
+def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place):
+    plan = tmp_path / "house.plan"
+    plan.write_text("%: avoid house height 30 -20,-20 20,-20 20,20 -20,20\n1; 0; y-200\n300,200\n")
+    setting = ("--set", f"{key}.position_m={place}")
+    away = () if key == "start" else ("--set", "start.position_m=[-200, 200]")
+    assert refused(eadp("simulate", plan, *setting, *away), f"the {key} (0, 0) lies in an obstacle")
+    for free in (("obstacles=ignore",), ("vehicle.airframe.cruise_altitude_m=40",)):
+        assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0
+
+
+def test_a_start_beyond_a_fence_is_refused(eadp, leg, tmp_path):
+    (tmp_path / "fence.txt").write_text(fence_rows((5001, ACROSS)))
+    plan = planned(eadp, tmp_path / "fenced.plan", leg, "--inside", tmp_path / "fence.txt")
+    assert refused(eadp("simulate", plan), "the start (0, 0) lies in an obstacle or beyond the boundary")

@@ -69,8 +69,8 @@ ROW = "{}\t0\t{}\t{}\t{}\t{}\t0\t{}\t{}\t{}\t{}\t1"
 @pytest.mark.parametrize(
     ("last", "message"),
     [
-        ([(189,), (16, 47.002, 8.02, 60), (20,)], "no landing follows DO_LAND_START (189)"),
-        ([(189,), (189,), (16, 47.002, 8.02, 60), (21, 47.0, 8.001, 0)], "more than one DO_LAND_START"),
+        ([(189,), (16, 47.002, 8.02, 60), (20,)], "one DO_LAND_START (189), before a landing"),
+        ([(189,), (189,), (16, 47.002, 8.02, 60), (21, 47.0, 8.001, 0)], "one DO_LAND_START (189), before a landing"),
         ([(16, 47.002, 8.02, 60), (21, 47.0, 8.02, 60)], "begins no higher than the landing"),
         ([(16, 47.002, 8.02, 60), (21, 47.002, 8.013, 0)], "is steeper than FW_LND_ANG, 5°"),
     ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 
 import pytest
 from common.pages import Page
@@ -127,21 +126,6 @@ def test_a_click_on_the_map_goes_to_its_decision(page):
     )
     page.click(x, y)
     assert page.run("state.t") == t
-
-
-def test_light_and_dark(page):
-    before = page.run("getComputedStyle(document.body).backgroundColor"), picture(page)
-    page.run("$('theme').click()")
-    after = page.run("getComputedStyle(document.body).backgroundColor"), picture(page)
-    assert before[0] != after[0]
-    assert before[1] != after[1]
-
-
-def test_it_prints(page, tmp_path):
-    page.pdf(tmp_path / "page.pdf")
-    printed = (tmp_path / "page.pdf").read_bytes()
-    assert printed.startswith(b"%PDF")
-    assert len(re.findall(rb"/Type\s*/Page\b", printed)) == 1, "on one sheet"
 
 
 def test_parameters_are_drawn_from_their_low_end_to_their_high_one(page):

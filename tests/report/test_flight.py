@@ -115,7 +115,6 @@ def test_the_words_are_the_summarys(folder, page):
     words = " ".join(page.data["words"])
     assert words.startswith("The flight completed: final point reached after ")
     assert f"It used {summary['energy_wh']:.2f} Wh" in words
-    assert "At 93 s the battery lost 6 % of its charge at once." in words
     assert dict(page.data["facts"])["spacing"].startswith("mean ")
 
 
@@ -194,16 +193,3 @@ def test_a_flight_that_does_not_complete(tmp_path, root):
     assert page.data["words"][0].startswith("The flight did not complete: battery empty")
     assert page.data["decisions"]["count"] == 0
     assert math.isclose(page.data["end"]["soc_final"], flight.summary["soc_final"])
-
-
-def test_names_with_script_in_them_are_text(tmp_path, root):
-    name = "<script>alert(1)</script>"
-    text = (root / "plans/survey.plan").read_text()
-    (tmp_path / "</script><script>alert(1)<script>.plan".replace("/", "∕")).write_text(text)
-    plan = next(tmp_path.glob("*.plan"))
-    target = tmp_path / "out"
-    overrides = {"time_limit_s": 5, "step_s": 0.05}
-    library.simulate(plan, str(root / "scenarios/survey.yaml"), overrides=overrides).write(target)
-    body = (target / "report.html").read_text(encoding="utf-8")
-    assert name not in body
-    assert Page(body).data["title"] == plan.name

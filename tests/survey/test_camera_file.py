@@ -69,10 +69,6 @@ def test_an_unknown_name_lists_the_cameras():
         (BODY | {"focal_length_mm": 0.0045}, r":4:1: error: focal_length_mm cannot be 0.0045; expected greater than"),
         (BODY | {"image_width_px": 4000.5}, r":5:1: error: image_width_px cannot be 4000.5; expected a whole number"),
         ({"picture_interval_s": "quick"}, r":2:1: error: picture_interval_s cannot be 'quick'; expected a number"),
-        (
-            BODY | {"image_width_px": 3000, "image_height_px": 4000},
-            r":5:1: error: pixels of 2.1 by 1.18 µm, by the sizes",
-        ),
         ({"schema": "eadp.vehicle/1"}, ":1:1: error: is a vehicle file, not a camera"),
     ],
 )
@@ -81,13 +77,3 @@ def test_a_fault_of_a_file_has_its_place(tmp_path, keys, message):
     with pytest.raises(InputError) as error:
         read_camera(path)
     assert re.match(re.escape(path) + message, str(error.value))
-
-
-def test_a_camera_of_mission_planner_is_written_as_it_must_be(eadp, tmp_path):
-    file = tmp_path / "cameras.xml"
-    file.write_text(
-        "<Cameras><Camera><name>A</name><flen>16</flen><imgw>6000</imgw><senw>23.5</senw></Camera></Cameras>"
-    )
-    answer = eadp("cover", "plans/meadow.geojson", "--camera", file, "--gsd", "2")
-    assert answer.code == 2
-    assert "schema: eadp.camera/1; focal_length_mm: 16; image_width_px: 6000; sensor_width_mm: 23.5" in answer.err

@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from eadp.api.inputs import load_flight
 from eadp.check.check import check_plan
 from eadp.core.geometry.curves import wrap_angle_rad
-from eadp.core.geometry.dubins import straight
 from eadp.errors import Infeasible
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
@@ -30,8 +29,8 @@ from eadp.simulation.loop import Outcome, fly
 from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
 from eadp.survey.field_reader import read_field
 from eadp.survey.plan_builder import FieldComputations, build_plan
-from eadp.survey.report import covered_by_lines, rounded_deg
-from eadp.survey.swaths import CoverageLeg, MotionLimits
+from eadp.survey.report import covered_by_lines
+from eadp.survey.swaths import MotionLimits
 
 MOTION = MotionLimits(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
 
@@ -101,15 +100,6 @@ def test_computations_stop_on_turns_and_outside_the_field():
             assert stage.sets[-1].inhibited
     assert sum(stage.kind == "line" and stage.sets[-1].inhibited for stage in plan.stages) >= gaps
     assert any(not stage.sets[-1].inhibited for stage in plan.stages)
-
-
-def test_a_leg_split_at_its_gaps_is_the_leg():
-    leg = CoverageLeg(straight((0.0, 0.0), (30.0, 40.0)), True, ((10.0, 20.0), (25.0, 30.0)))
-    parts = leg.split()
-    assert [part.sensing for part in parts] == [True, False, True, False, True]
-    assert [part.piece.length_m for part in parts] == pytest.approx([10, 10, 5, 5, 20])
-    whole(parts)
-    assert parts[-1].piece.end[:2] == pytest.approx((30.0, 40.0))
 
 
 def moved(field, angle, shift, mirror):
@@ -213,15 +203,6 @@ def test_more_lines_than_the_limit_are_refused():
                 DUBINS,
             )
         )
-
-
-def test_a_compass_bearing_by_hand():
-    """A field 200 m wide and 800 m long from south to north: flown along its length, north or south."""
-    field = Field(((0.0, 0.0), (200.0, 0.0), (200.0, 800.0), (0.0, 800.0)))
-    solution = cover(CoverageRequest(field, MOTION, DUBINS))
-    assert rounded_deg(solution.heading_rad, 6) in (0.0, 180.0)
-    assert [rounded_deg(angle, 1) for angle in (0.0, math.pi / 2, math.pi, -math.pi / 2)] == [90, 0, 270, 180]
-    assert rounded_deg(math.radians(90 + 1e-12), 9) == 0  # not 360
 
 
 def flown_share(field, solution, path, wind_deg, c1):

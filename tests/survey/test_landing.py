@@ -164,27 +164,6 @@ def test_a_mission_of_others_keeps_its_take_off_and_landing(eadp, tmp_path):
     assert qgc["rallyPoints"] == {"points": [], "version": 2}
 
 
-def test_places_to_rally_of_qgroundcontrol_are_left_out_with_a_warning(eadp, landing, tmp_path):
-    mission = json.loads((landing / "qgc.plan").read_text())
-    mission["rallyPoints"]["points"] = [[47.001, 8.002, 45.0]]
-    given = tmp_path / "rally.plan"
-    given.write_text(json.dumps(mission))
-    answer = eadp("plan", given)
-    assert answer.code == 0
-    assert answer.err.count("warning: places to rally are left out") == 1
-
-
-def test_home_is_where_a_flight_takes_off_so_that_forecast_and_mission_agree(eadp, landing, tmp_path):
-    flight, out = tmp_path / "p.plan", tmp_path / "m.waypoints"
-    assert eadp(*COVER, "--home", "55.4712,10.3295", "-o", flight).code == 0
-    answer = eadp("export", flight, "--to", "ardupilot", "--scenario", landing / "s.yaml", "-o", out)
-    assert "from home" not in answer.err
-    assert [row[3] for row in rows(out)][1] == 22
-    assert rows(out)[-1][3] == 20
-    plan, mission = (load_flight(str(file), overrides=FLOWN) for file in (flight, out))
-    assert plan.preflight().forecast.energy_wh == pytest.approx(mission.preflight().forecast.energy_wh, rel=0.01)
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("to", ENDINGS)
 def test_circles_up_to_the_first_line_are_in_plan_flight_and_mission(eadp, tmp_path, to):

@@ -208,10 +208,7 @@ def test_a_hole_without_an_area_is_an_obstacle(hole):
     [
         ("<ExtendedData><Data name='height'><value>35</value></Data></ExtendedData>", "", 35.0),
         ("<ExtendedData><SchemaData><SimpleData name='height'>35.5</SimpleData></SchemaData></ExtendedData>", "", 35.5),
-        ("<P><altitudeMode>relativeToGround</altitudeMode></P>", ",42", 42.0),
-        ("<P><altitudeMode>absolute</altitudeMode></P>", ",42", None),
         ("", ",42", None),
-        ("<P><altitudeMode>relativeToGround</altitudeMode></P>", ",0", None),
     ],
 )
 def test_the_height_of_an_obstacle_in_kml(inside, altitude, height_m):

@@ -29,13 +29,6 @@ def test_a_design_is_the_product_of_its_parts():
     assert design.names == ("a", "b", "c", "d", "u")
 
 
-def test_a_design_of_nothing_is_one_run():
-    design = Design()
-    assert len(design) == 1
-    assert design.point(0).values == {}
-    assert design.point(0).seed is None
-
-
 def test_a_million_runs_take_no_room():
     design = Design({name: range(100) for name in "abc"})
     assert len(design) == 10**6

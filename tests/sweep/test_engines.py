@@ -14,7 +14,7 @@ from collections import Counter
 import pytest
 
 from eadp.errors import EadpError, InputError
-from eadp.sweep.engines import QUEUED, TASK_S, DaskEngine, EngineOptions, PoolEngine, cores
+from eadp.sweep.engines import QUEUED, TASK_S, DaskEngine, EngineOptions, PoolEngine
 from eadp.sweep.run import ENGINES, SerialEngine, open_engine
 
 DEATH = functools.partial(os._exit, 3)
@@ -52,11 +52,6 @@ def alive(pid):
 RUNS = [product(i) for i in range(30)]
 
 
-def test_here():
-    engine = SerialEngine(operator.call)
-    assert made(engine, RUNS) == expected(RUNS)
-
-
 def test_a_pool_makes_every_run_and_leaves_no_process():
     engine = PoolEngine(operator.call, 2)
     assert made(engine, RUNS) == expected(RUNS)
@@ -92,10 +87,6 @@ def test_the_options_choose_the_engine(monkeypatch):
     pool.close()
     monkeypatch.setattr(DaskEngine, "__init__", lambda engine, make, address: None)
     assert isinstance(open_engine(operator.call, EngineOptions(runs=1, scheduler="tcp://host:1")), DaskEngine)
-
-
-def test_there_are_cores():
-    assert 1 <= cores() <= (os.cpu_count() or 1)
 
 
 def test_no_scheduler_is_an_error_at_the_option(monkeypatch):

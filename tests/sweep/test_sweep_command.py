@@ -24,10 +24,6 @@ from common import ROOT
 from common.answers import refused
 from common.processes import hear_interrupts
 
-from eadp.core import compiled
-from eadp.io.text.streams import read_text
-from eadp.sweep.sweep_file import read_sweep
-
 SHIPPED = "scenarios/sweep-wind-battery.yaml"
 PLAN = "0.1; 90; x - c1\n0, 400\n[-10, 10]\n"
 SCENARIO = "schema: eadp.scenario/1\nstep_s: 0.05\nplanner: {name: static}\n"
@@ -144,31 +140,6 @@ def test_a_row_for_each_run(eadp, folder):
             assert 0.9 < float(row["soc_final"]) < 1
 
 
-def test_every_run_made_is_exit_0_whether_it_completes_or_not(eadp, folder):
-    short = ("--set", "time_limit_s=1")
-    (folder / "sweep.yaml").write_text(SWEEP.replace("c1: [0, 11], ", ""))
-    answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--format", "csv", *short)
-    assert answer.code == 0
-    assert {row["completed"] for row in table_of(answer.out)} == {"false"}
-
-
-@pytest.mark.parametrize("kept", [True, False])
-def test_it_says_that_it_compiles_where_no_machine_code_is_kept(eadp, folder, monkeypatch, kept):
-    monkeypatch.setattr(compiled, "why_off", lambda: None)
-    monkeypatch.setattr(compiled, "kept", lambda: kept)
-    monkeypatch.setattr(importlib.import_module("eadp.sweep.run"), "enable", lambda _on: False)
-    answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--set", "time_limit_s=0.1")
-    assert answer.err.count("compiling") == (not kept)
-
-
-@pytest.mark.parametrize(("why", "notes"), [("numba cannot be imported: no llvm", 1), (compiled.NOT_INSTALLED, 0)])
-def test_it_says_why_numba_is_not_used_where_it_is_installed(eadp, folder, monkeypatch, why, notes):
-    monkeypatch.setattr(compiled, "why_off", lambda: why)
-    answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--set", "time_limit_s=0.1")
-    assert answer.err.count(f"sweep: flights are not compiled, and take longer: {why}\n") == notes
-    assert answer.err.count("compiled") == notes
-
-
 def test_the_whole_summary(eadp, folder):
     answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--format", "jsonl")
     assert answer.code == 1
@@ -203,19 +174,6 @@ def test_the_answer_for_people(eadp, folder):
     out = eadp("sweep", folder / "sweep.yaml", "--jobs", 1).out
     assert "runs       24, 12 could not be made\ncompleted  12 of 12: 100.0 % (95 % interval 75.8 to 100.0 %)\n" in out
     assert "error      run 2: c1 = 11 is outside its set" in out
-
-
-def test_flights_that_do_not_complete_are_shown(eadp, folder):
-    (folder / "short.yaml").write_text(
-        "schema: eadp.sweep/1\nplan: line.plan\ngrid:\n  wind.towards_deg: [90]\n  wind.speed_mps: [0, 4]\n"
-        "  battery.capacity_ah: [0.001, 3]\nseeds: 2\n"
-    )
-    common = ("sweep", folder / "short.yaml", "--jobs", 1, "-o", folder / "short.db")
-    rows = table_of(eadp(*common, "--format", "csv").out)
-    fell = [row for row in rows if row["completed"] == "false"]
-    assert {row["battery.capacity_ah"] for row in fell} == {"0.001"}
-    assert len(fell) == 4
-    assert all(float(row["energy_wh"]) > 0 and float(row["distance_m"]) > 0 for row in rows)
 
 
 @pytest.mark.parametrize(("require", "code", "failures"), [(None, 0, 4), ("completed", 1, 4), ("reserve", 1, 6)])
@@ -442,16 +400,6 @@ def test_bad_files(eadp, folder):
     assert refused(eadp("sweep", path, "-o", results), f"{results}:1:1: error: is not an SQLite database")
 
 
-def test_standard_input(eadp, folder, monkeypatch):
-    body = SWEEP.replace("line.plan", f"{folder}/line.plan").replace("calm.yaml", f"{folder}/calm.yaml")
-
-    class Stdin:
-        buffer = io.BytesIO(body.encode())
-
-    monkeypatch.setattr("sys.stdin", Stdin())
-    assert len(table_of(eadp("sweep", "-", "--dry-run", "--format", "csv").out)) == 24
-
-
 def test_the_progress(capsys, monkeypatch, folder):
     from eadp.sweep import command as module
     from eadp.sweep.runs import Result
@@ -469,10 +417,6 @@ def test_the_progress(capsys, monkeypatch, folder):
     assert 0 < len(lines) < 6, "one a minute"
     assert all(line.startswith("sweep: ") and line.endswith(" left") for line in lines)
     assert "6 of 300 runs, 1 could not be made" in lines[-1]
-
-
-def test_the_shipped_sweep_is_some_minutes_of_work(root):
-    assert 300 <= len(read_sweep(read_text(str(root / SHIPPED))).design) <= 600
 
 
 def test_other_code_makes_the_runs_again_and_says_so(eadp, folder, monkeypatch):

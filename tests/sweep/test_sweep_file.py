@@ -87,11 +87,6 @@ def test_files_may_be_varied(folder):
     assert [run.overrides["seed"] for run in runs(sweep)] == [5, 6] * 2
 
 
-def test_c1_is_short_for_a_parameter(folder):
-    sweep = sweep_of(written(folder, "plan: other.plan\ngrid: {c1: [-5, 5]}\n"))
-    assert [run.overrides["parameters.c1"] for run in runs(sweep)] == [-5, 5]
-
-
 def test_a_key_depends_on_contents_and_values_alone(folder):
     body = "plan: {}\nscenario: {}\ngrid: {{wind.speed_mps: [1]}}\n"
 

@@ -647,8 +647,7 @@ function errorsText() {
   parts.push(`positions within ${number(path.error.x)} m on each axis, headings within ${number(path.error.heading * 180 / Math.PI, 2)}°`);
   parts.push(`power within ${number(data.power.error.w, 2)} W`);
   parts.push(`charge within ${number(100 * data.charge.error.soc, 2)} %`);
-  const late = Math.max(0, ...[data.stage, data.lap, ...data.parameters].map((one) => one.error_s));
-  parts.push(late ? `changes of parameters and stages within ${number(late, 2)} s` : "changes of parameters and stages exactly");
+  parts.push("changes of parameters and stages exactly");
   let text = `Shown with fewer samples than were logged: ${parts.join(", ")}.`;
   if (decisionTimes.length < decisions.count) text += ` ${decisionTimes.length} of ${decisions.count} re-plannings are in this page.`;
   if (plan.shown < plan.turns) text += ` ${plan.shown} of ${plan.turns} courses of the plan in force are drawn.`;
