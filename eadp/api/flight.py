@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eadp.api.documents import Endurance, Endurances, EnergyForecast, ParameterSummary, Summary, Timings
 from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, Source, load_flight
 from eadp.core.arrays import FloatArray
@@ -56,14 +55,14 @@ def summarise(
     settings: PlannerSettings,
     expected: Preflight | None = None,
     never_past: str = "",
-) -> Summary:
+) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
     `settings` are the planner's; `expected` is the forecast before take-off, `never_past` as of `FlightInputs`.
     """
     log, totals, report = outcome.parameters, outcome.totals, flight.planner.report
     assert log is not None
-    parameters: dict[str, ParameterSummary] = {}
+    parameters: dict[str, dict[str, Any]] = {}
     for i, parameter in enumerate(world.plan.parameters):
         record = log.records[i]
         parameters[parameter.name] = {
@@ -143,7 +142,7 @@ def repeatable(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {**summary, "solver": solver}
 
 
-def _endurance(world: World, outcome: Outcome) -> Endurances:
+def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
     log, rho, duration_s = outcome.parameters, world.plan.path_count, outcome.duration_s
     assert log is not None
@@ -152,7 +151,7 @@ def _endurance(world: World, outcome: Outcome) -> Endurances:
     means = {name: log.records[i].actual_integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
     low, high = (world.computing.extreme(world.plan, end, world.actual) for end in ("lo", "hi"))
 
-    def endurance(own_w: float, values: dict[str, float]) -> Endurance:
+    def endurance(own_w: float, values: dict[str, float]) -> dict[str, Any]:
         power_w = motion_w + own_w
         time_s = world.battery.endurance_s(power_w) if power_w > 0 else None
         return {"parameters": values, "computing_w": own_w, "power_w": power_w, "time_s": time_s}
@@ -168,10 +167,10 @@ def _endurance(world: World, outcome: Outcome) -> Endurances:
     }
 
 
-def forecast_values(expected: Preflight) -> EnergyForecast:
+def forecast_values(expected: Preflight) -> dict[str, Any]:
     """The content of `energy_forecast`."""
     forecast = expected.forecast
-    values: EnergyForecast = {
+    values: dict[str, Any] = {
         "completes": (forecast.completes_probability or 0.0) >= 0.5,
         "completes_probability": forecast.completes_probability,
         "reserve_probability": forecast.reserve_probability,
@@ -251,7 +250,7 @@ class Flight:
     """
 
     inputs: FlightInputs
-    summary: Summary
+    summary: dict[str, Any]
     steps: list[Step]
     decisions: Sequence[DecisionRecord] = ()
     overrides: Sequence[str] = ()
@@ -361,7 +360,7 @@ class Flight:
             _write_csv(target / "flight.csv", [self._names, *self._rows])
             _write_csv(target / "estimate.csv", self.estimate_rows)
             solver: Mapping[str, Any] = self.summary["solver"]
-            timings: Timings = {"schema": "eadp.timings/1", "solver": {key: solver[key] for key in CLOCKED}}
+            timings: dict[str, Any] = {"schema": "eadp.timings/1", "solver": {key: solver[key] for key in CLOCKED}}
             for name, content in ((SUMMARY, repeatable(self.summary)), ("timings.json", timings)):
                 text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
                 (target / name).write_text(f"{text}\n", encoding="utf-8")
@@ -485,7 +484,7 @@ def forecast(
     *,
     planner: str | None = None,
     warn: Warn = python_warnings,
-) -> EnergyForecast | None:
+) -> dict[str, Any] | None:
     """Forecast a flight before take-off, without flying it.
 
     Parameters

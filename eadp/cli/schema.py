@@ -20,20 +20,7 @@ _FORMATS = {
     "sweep": "eadp.sweep.sweep_file:SweepKeys",
     "telemetry": "eadp.live.telemetry:TelemetryLine",
     "decision": "eadp.live.telemetry:DecisionLine",
-    "plan": "eadp.api.documents:PlanDocument",
-    "cover": "eadp.survey.documents:CoverDocument",
-    "sorties": "eadp.survey.documents:SortiesDocument",
-    "job": "eadp.survey.documents:JobDocument",
-    "summary": "eadp.api.documents:Summary",
-    "forecast": "eadp.api.documents:EnergyForecast",
-    "timings": "eadp.api.documents:Timings",
-    "files": "eadp.api.documents:FileList",
-    "battery": "eadp.measure.battery:BatteryDocument",
-    "performance": "eadp.api.vehicle:performance_schema",
-    "power": "eadp.io.profile.model_file:power_schema",
-    "faults": "eadp.io.text.yaml:faults_schema",
     "items": "eadp.exchange.writer:ItemsFile",
-    "decisions": "eadp.api.documents:decisions",
 }
 _NAMES = ", ".join(_FORMATS)
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from eadp.api.flight import Flight, fly_flight
 from eadp.api.given import File, Overrides, Warn, python_warnings
@@ -25,10 +25,6 @@ from eadp.survey.figures import write_sorties_figure
 from eadp.survey.report import MIN_SHARE, LeftGround, left_text
 from eadp.survey.resume import MIN_PART_SHARE, SLIVER_SHARE
 from eadp.survey.sorties import SCHEMA, SortiePlan
-
-if TYPE_CHECKING:
-    from eadp.survey.documents import FlownRow, JobDocument
-
 
 SORTIES: str = "sorties.json"
 SORTIES_SCENARIO: str = "scenario.yaml"
@@ -135,7 +131,7 @@ class JobFlight:
         By their names, in the order of take-off.
     """
 
-    summary: JobDocument
+    summary: dict[str, Any]
     flights: dict[str, Flight]
     left: Sequence[LeftGround] = ()
     """The places that were planned and are not covered."""
@@ -205,7 +201,7 @@ def simulate_sorties(
     folder, texts = str(folder), override_texts(overrides)
     job, scenario, given = read_sorties(folder), str(Path(folder) / SORTIES_SCENARIO), {**read_overrides(texts)}
     files, flights, warned, at_s = Files(), dict[str, Flight](), set[str](), 0.0
-    rows: list[FlownRow] = []
+    rows: list[dict[str, Any]] = []
     lines, planned = list[Sequence[Point]](), list[Sequence[Point]]()
     replans, solver = 0, Counter(calls=0, failed=0, fallbacks=0)
     for number, (name, plan) in enumerate(job.plans.items(), seed):
@@ -241,7 +237,7 @@ def simulate_sorties(
     left = sorted((each for each in left if each.area_m2 >= MIN_SHARE * field_m2), key=lambda each: -each.area_m2)
     completed = sum(each.area_m2 for each in left) < MIN_PART_SHARE * field_m2
     qualities = [row["quality"] for row in rows if row["quality"] is not None]
-    job_summary: JobDocument = {
+    job_summary: dict[str, Any] = {
         "schema": "eadp.job/1",
         "completed": completed,
         "reason": "all that was planned is covered" if completed else "ground is left; eadp cover --resume plans it",

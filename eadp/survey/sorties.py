@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 
@@ -43,10 +43,6 @@ from eadp.survey.ground import HeightReport
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division
 from eadp.survey.report import FULL, CoveragePlan, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
 from eadp.survey.swaths import CoveragePath
-
-if TYPE_CHECKING:
-    from eadp.survey.documents import SortieRow, SortiesDocument
-
 
 SCHEMA: Final = "eadp.sorties/1"
 OVERLAP_M, SWAP_S = 20.0, 120.0
@@ -390,7 +386,7 @@ class SortiePlan:
         """From the first take-off to the last landing [s]."""
         return self.starts_s[-1] + self.sorties[-1].time_s
 
-    def rows(self) -> list[SortieRow]:
+    def rows(self) -> list[dict[str, Any]]:
         """The figures of each sortie, by key."""
         rows: list[Any] = []
         keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
@@ -413,7 +409,7 @@ class SortiePlan:
             )
         return rows
 
-    def document(self) -> SortiesDocument:
+    def document(self) -> dict[str, Any]:
         """The values of `eadp.sorties/1`."""
         task, options, rows = self.planner.task, self.planner.options, self.rows()
         first = self.divided.sorties[0].solution

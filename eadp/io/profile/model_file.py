@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Annotated, Any, Literal
 
@@ -30,7 +30,7 @@ from eadp.io.profile.measurements import (
 )
 from eadp.io.profile.recordings import PowerColumns, read_recording
 from eadp.io.text.streams import Text, read_text
-from eadp.io.text.yaml import STRICT, Document, Path, document_schema, read_yaml, schema_of, validated, yaml_text
+from eadp.io.text.yaml import STRICT, Document, Path, read_yaml, schema_of, validated, yaml_text
 from eadp.models.profile import ARRAYS, AnyProfile, Profile, ProfileSum, added, configuration_text, shortest
 
 SCHEMA = "eadp.profile/1"
@@ -451,15 +451,6 @@ def _without_defaults(value: Any) -> Any:
     return {key: _without_defaults(item) for key, item in value.items() if key not in DEFAULTS or item != DEFAULTS[key]}
 
 
-@dataclass(frozen=True)
-class PowerAt:
-    """Power of a configuration [W], and whether it is outside those measured."""
-
-    configuration: dict[str, float]
-    power_w: float
-    extrapolated: bool
-
-
 def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[list[dict[str, Any]], list[Fault]]:
     """Power at configurations such as `fps=5,keysize=32`.
 
@@ -502,7 +493,7 @@ def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[l
             message = f"{profile.outside(configuration)}: taken at {taken}"
             warnings.append(Fault("--at", 1, 1, message, severity="warning"))
         named = dict(zip(profile.names, map(shortest, configuration), strict=True))
-        values.append(asdict(PowerAt(named, power_w, extrapolated)))
+        values.append({"configuration": named, "power_w": power_w, "extrapolated": extrapolated})
     refuse(faults)
     return values, warnings
 
@@ -517,8 +508,3 @@ def _configuration(raw: str, names: Sequence[str]) -> tuple[float, ...]:
         message = f"no parameter {', '.join(unknown)}" if unknown else f"no value for {', '.join(missing)}"
         raise InputError.at("--at", 1, 1, message, expected, raw)
     return tuple(given.values[given.names.index(name)] for name in names)
-
-
-def power_schema() -> dict[str, Any]:
-    """JSON Schema of `eadp.power/1`."""
-    return document_schema("eadp.power/1", {"values": list[PowerAt]})

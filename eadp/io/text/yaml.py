@@ -12,12 +12,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, Literal, TypeVar, get_origin
+from typing import Any, TypeVar, get_origin
 
 import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
-from typing_extensions import TypedDict
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from eadp.errors import Fault, InputError, one_of, printable, refuse
@@ -265,7 +264,7 @@ def _adapter(model: Any) -> TypeAdapter[Any]:
 
 
 class _Described(GenerateJsonSchema):
-    """JSON Schema with the docstrings of a dataclass's attributes as descriptions; of a document, by its label."""
+    """JSON Schema with the docstrings of a dataclass's attributes as descriptions."""
 
     def dataclass_schema(self, schema: Any) -> dict[str, Any]:
         """The schema of a dataclass."""
@@ -276,29 +275,11 @@ class _Described(GenerateJsonSchema):
                 node.setdefault("description", texts[name])
         return found
 
-    def typed_dict_schema(self, schema: Any) -> dict[str, Any]:
-        """The schema of a document that is written, or of a part of one: it has no other keys."""
-        found = super().typed_dict_schema(schema) | {"additionalProperties": False}
-        label = found["properties"].get("schema", {}).get("const")
-        return found | ({"title": label} if label else {})
-
 
 @cache
 def schema_of(model: Any) -> dict[str, Any]:
     """JSON Schema of a dataclass or model."""
     return _adapter(model).json_schema(by_alias=True, schema_generator=_Described)
-
-
-def document_schema(name: str, keys: Mapping[str, Any], *, labelled: bool = True) -> dict[str, Any]:
-    """JSON Schema of a document: its label `schema: NAME`, if it has one, and its other keys by their types."""
-    label: Any = {"schema": Literal[name]} if labelled else {}
-    made: Any = TypedDict  # of keys that are known only here
-    return schema_of(made("Document", {**label, **keys})) | {"title": name}
-
-
-def faults_schema() -> dict[str, Any]:
-    """JSON Schema of a line of `--faults json`."""
-    return document_schema("eadp.faults/1", {"faults": list[Fault]})
 
 
 def are_given(*keys: str) -> dict[str, Any]:
