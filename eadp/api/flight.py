@@ -27,7 +27,7 @@ from eadp.io.text.streams import new_folder
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PATH
-from eadp.models.profile import AnyProfile
+from eadp.models.profile import Profile
 from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
 from eadp.planning.forecast.held import Preflight
@@ -429,7 +429,7 @@ def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequenc
 def simulate(
     plan: File | Plan,
     scenario: File | Mapping[str, Any] | None = None,
-    profile: File | AnyProfile | None = None,
+    profile: File | Profile | None = None,
     energy: File | EnergyModel | None = None,
     overrides: Overrides = (),
     *,
@@ -478,7 +478,7 @@ def simulate(
 def forecast(
     plan: File | Plan,
     scenario: File | Mapping[str, Any] | None = None,
-    profile: File | AnyProfile | None = None,
+    profile: File | Profile | None = None,
     energy: File | EnergyModel | None = None,
     overrides: Overrides = (),
     *,

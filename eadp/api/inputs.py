@@ -36,7 +36,7 @@ from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Leg, Stage, leg_points
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
-from eadp.models.profile import AnyProfile, configuration_text
+from eadp.models.profile import Profile, configuration_text
 from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission, PlannerSettings
@@ -123,9 +123,7 @@ class Files:
         """A scenario with some keys overridden."""
         return scenario_of(self.document(given), overrides, self.text)
 
-    def profile(
-        self, given: File | AnyProfile, reference: Fault | None = None
-    ) -> tuple[Source, AnyProfile, list[Fault]]:
+    def profile(self, given: File | Profile, reference: Fault | None = None) -> tuple[Source, Profile, list[Fault]]:
         """A profile, a model or of measurements, where it comes from, and warnings."""
         if not isinstance(given, str | PathLike):
             return Given(given, "given-profile.yaml", profile_yaml), given, []
@@ -194,7 +192,7 @@ def load_flight(
     plan: File | Plan,
     *,
     scenario: File | Mapping[str, Any] | None = None,
-    profile: File | AnyProfile | None = None,
+    profile: File | Profile | None = None,
     energy: File | EnergyModel | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
@@ -299,7 +297,7 @@ def _at_key(scenario: Scenario, key: str, expected: str, what: str = "") -> Iter
         raise InputError(scenario.fault(key, f"{what}{error}", expected)) from None
 
 
-def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
+def _named(plan: Plan, text: Source, profile: Profile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
     """The plan as it is flown, its computations named as in the profile where they have no names, and its scenario."""
     columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
     if not plan.computations and len(plan.parameters) == plan.path_count + len(columns):
@@ -506,7 +504,7 @@ def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
     return plan
 
 
-def _computing(plan: Plan, text: Source, profile: AnyProfile | None, place: str, scenario: Scenario) -> Computing:
+def _computing(plan: Plan, text: Source, profile: Profile | None, place: str, scenario: Scenario) -> Computing:
     """The computations of a plan, or the constant load of those that it does not decide."""
     load_at = scenario.keys.profile_at
     if load_at and (profile is None or may_compute(plan)):
@@ -527,7 +525,7 @@ def _computing(plan: Plan, text: Source, profile: AnyProfile | None, place: str,
         raise InputError.at(place, 1, 1, str(error), "a profile of the plan's computations") from None
 
 
-def _load_note(profile: AnyProfile, place: str, computing: Computing, scenario: Scenario) -> Fault:
+def _load_note(profile: Profile, place: str, computing: Computing, scenario: Scenario) -> Fault:
     """What a profile beside a plan without computations counts as."""
     load_at = scenario.keys.profile_at
     at = configuration_text(profile.names, load_configuration(profile, load_at), ",")

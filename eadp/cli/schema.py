@@ -12,7 +12,7 @@ from eadp.io.text.yaml import schema_of
 
 # the dataclass or model of each format, or a function of its schema; its module is imported only for it
 _FORMATS = {
-    "profile": "eadp.io.profile.model_file:json_schema",
+    "profile": "eadp.io.profile.model_file:ProfileFile",
     "energy": "eadp.io.energy:EnergyFile",
     "scenario": "eadp.io.scenario:json_schema",
     "vehicle": "eadp.io.vehicle:VehicleFile",

@@ -13,7 +13,7 @@ from eadp.errors import EadpError, Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
-from eadp.models.profile import AnyProfile
+from eadp.models.profile import Profile
 
 KEPT_POWERS = 1000
 """Powers kept: a flight asks for the same ones at each stage."""
@@ -44,13 +44,12 @@ class Computing:
     """Power of the computations at the parameters of a plan.
 
     `profile` may be None where no computation can run. `order` gives, for each column of the profile, which of the
-    plan's computations it is. Of a sum, a part draws no power while none of its computations may run; within a part,
-    a computation that may not run is at 0, which must have been measured. `load_w` is a constant load [W], of
-    computations that the plan does not decide.
+    plan's computations it is. Where some may run, one that may not is at 0, which must have been measured. `load_w` is
+    a constant load [W], of computations that the plan does not decide.
     """
 
     path_count: int
-    profile: AnyProfile | None
+    profile: Profile | None
     order: tuple[int, ...] = ()
     load_w: float = 0.0
 
@@ -79,13 +78,7 @@ class Computing:
         values = parameters[self.path_count :]
         if not values or self.profile is None or all(box.inhibited for box in sets[self.path_count :]):
             return self.load_w
-        total_w, column = self.load_w, 0
-        for part in self.profile.parts:
-            chosen = self.order[column : column + len(part.names)]
-            column += len(part.names)
-            if not all(sets[self.path_count + i].inhibited for i in chosen):
-                total_w += part.power_w_at([values[i] for i in chosen])
-        return total_w
+        return self.load_w + self.profile.power_w_at([values[i] for i in self.order])
 
     def extreme(
         self, plan: Plan, end: str, actual: Callable[[Vector], Vector] = tuple
@@ -115,7 +108,7 @@ def may_compute(plan: Plan) -> bool:
     return any(not box.inhibited for stage in plan.stages for box in stage.sets[plan.path_count :])
 
 
-def load_configuration(profile: AnyProfile, load_at: Mapping[str, float]) -> tuple[float, ...]:
+def load_configuration(profile: Profile, load_at: Mapping[str, float]) -> tuple[float, ...]:
     """Configuration of a constant load: each value as stated by name, else the highest; the nearest inside.
 
     Raises
@@ -132,7 +125,7 @@ def load_configuration(profile: AnyProfile, load_at: Mapping[str, float]) -> tup
     return profile.nearest([load_at.get(name, profile.range_of(name)[1]) for name in profile.names])
 
 
-def join_profile(plan: Plan, profile: AnyProfile | None, load_at: Mapping[str, float] | None = None) -> Computing:
+def join_profile(plan: Plan, profile: Profile | None, load_at: Mapping[str, float] | None = None) -> Computing:
     """Join a plan and a profile by the names of the computations, or in order if the plan has no names.
 
     Beside a plan without computations that may run, the profile is a constant load, at `load_at` by name.

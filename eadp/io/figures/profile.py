@@ -10,7 +10,7 @@ import numpy as np
 from eadp.errors import InputError
 from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_file, legend_below, write_headline
 from eadp.models.performance import Performance
-from eadp.models.profile import AnyProfile, Profile, titles
+from eadp.models.profile import Profile, titles
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 
 CURVES = 7
@@ -23,8 +23,8 @@ FINE = 200
 """Points along a curve."""
 
 
-def write_profile_figure(path: str, profile: AnyProfile) -> None:
-    """Draw a profile, a panel for each part: measured power, its standard deviation and standard error, the model.
+def write_profile_figure(path: str, profile: Profile) -> None:
+    """Draw a profile: measured power, its standard deviation and standard error, the model.
 
     One changing parameter is a curve, a full grid a family of curves.
 
@@ -34,14 +34,11 @@ def write_profile_figure(path: str, profile: AnyProfile) -> None:
         If scattered points are of several parameters, the name ends in neither .svg nor .png, or the file cannot be
         written.
     """
-    parts = profile.parts
-    with figure_file(path, 1.0 + 6.0 * len(parts), 4.6) as figure:
-        panels = figure.subplots(1, len(parts), squeeze=False)[0]
-        for axes, part in zip(panels, parts, strict=True):
-            _draw_part(axes, part)
+    with figure_file(path, 7.0, 4.6) as figure:
+        _draw(figure.subplots(), profile)
 
 
-def _draw_part(axes: Axes, part: Profile) -> None:
+def _draw(axes: Axes, part: Profile) -> None:
     levels = [np.unique(column) for column in part.configurations.T]
     varying = [axis for axis, values in enumerate(levels) if len(values) > 1]
     axes.set_ylabel("power [W]")

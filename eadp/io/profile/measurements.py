@@ -32,9 +32,6 @@ PARAMETERS_LIMIT = 8
 NAME = re.compile(r"[^\W\d](?:[\w .+/-]{0,62}\w)?\Z")
 A_NAME = "a name: a letter first, then letters, digits, _ - + . / or spaces, 64 at most"
 
-DEVICES = ("total", "cpu", "gpu")
-"""What powprofiler's columns are of, by the last digit of their flags."""
-
 # a division by 1000 keeps the digits of a value in mW, where a product with 0.001 would not
 _PER_WATT = {"w": 1.0, "W": 1.0, "watt": 1.0, "watts": 1.0, "mW": 1e3, "mw": 1e3, "kW": 1e-3, "kw": 1e-3}
 _A_HEADER = "a header such as fps,power_w"
@@ -73,9 +70,7 @@ class Trace(NamedTuple):
     configuration: Configuration | None = None
 
 
-def read_measurements(
-    files: Sequence[Trace], names: Sequence[str], *, device: str = ""
-) -> tuple[Profile, PointFaults, list[Fault]]:
+def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, PointFaults, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
     Parameters
@@ -84,8 +79,6 @@ def read_measurements(
         One or more, of the same parameters; the configuration of a file with columns for its parameters is not used.
     names : sequence of str
         Names for parameters without names in the file; see `eadp.io.profile.model_file.read_profile`.
-    device : str
-        Which of powprofiler's `DEVICES` the power is of; by default the total.
 
     Returns
     -------
@@ -110,7 +103,7 @@ def read_measurements(
         if first is None:
             message = "no measurements"
             raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(first, names, file.configuration, device)
+        layout = _layout(first, names, file.configuration)
         if layouts:
             layout = _in_order_of(layouts[0], layout, first)
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
@@ -145,7 +138,6 @@ def read_measurements(
             samples=np.array([each.samples for each in averages]),
             source=" + ".join(dict.fromkeys(sources)),
             standard_error_w=np.array([each.standard_error if each.samples > 1 else np.nan for each in averages]),
-            device=layout.device if len({each.device for each in layouts}) == 1 else "",
         )
     except Infeasible as error:
         row = next(iter(readings.values()))[0][0].row
@@ -181,7 +173,6 @@ class _Layout:
     header: bool = True
     warnings: Sequence[Fault] = ()
     constant: tuple[float, ...] = ()
-    device: str = ""
     unitless: bool = False
 
 
@@ -195,13 +186,9 @@ class ColumnHeading:
     problem: str = ""
 
 
-def _layout(row: Row, names: Sequence[str], stated: Configuration | None, device: str) -> _Layout:
+def _layout(row: Row, names: Sequence[str], stated: Configuration | None) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
-    digit = DEVICES.index(device or "total")
-    flags = has_flags(row.fields)
-    if device and not (flags and f"10{digit}" in row.fields):
-        raise InputError(row.fault(0, f"no power of the {device}", f"powprofiler's flag 10{digit}"))
-    headings = _headings(row.fields, digit)
+    headings = _headings(row.fields)
     if not stated and headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
         message = "no column for the configuration: it is a trace"
         expected = "that of each file, as in --config fps=2 --config fps=10"
@@ -212,7 +199,7 @@ def _layout(row: Row, names: Sequence[str], stated: Configuration | None, device
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
-    return replace(layout, device=DEVICES[digit]) if flags else layout
+    return layout
 
 
 def _in_order_of(first: _Layout, layout: _Layout, row: Row) -> _Layout:
@@ -220,7 +207,7 @@ def _in_order_of(first: _Layout, layout: _Layout, row: Row) -> _Layout:
     own, expected = (list(zip(each.names, each.units, strict=True)) for each in (layout, first))
     if sorted(own) != sorted(expected):
         here, there = (", ".join(f"{name} {unit}".strip() for name, unit in each) for each in (own, expected))
-        remedy = f"{there}, as in the first file; --add for computations that were measured apart"
+        remedy = f"{there}, as in the first file"
         raise InputError(row.fault(0, f"measurements of {here}", remedy))
     order = [own.index(each) for each in expected]
     return replace(
@@ -241,17 +228,16 @@ def _headerless(row: Row, names: Sequence[str]) -> _Layout:
     return _Layout(list(names) if d > 1 else ["c"], [""] * d, list(range(d)), power=d, width=d + 1, header=False)
 
 
-def _headings(fields: Sequence[str], digit: int = 0) -> list[ColumnHeading] | None:
+def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:
     """What a header or powprofiler's flags name; None for the numbers of a first measurement.
 
     Of powprofiler's columns, 2xx are parameters, 100 is the total average power, 101 and 102 are those of CPU and GPU,
-    which are parts of the total. 130 to 132, called energy, are W·samples, and 160 to 162 states of charge. `digit` is
-    the last one of the power's flag.
+    which are parts of the total. 130 to 132, called energy, are W·samples, and 160 to 162 states of charge.
 
     Source: powprofiler, doi 10.5281/zenodo.5562457 (letter, reference 48).
     """
     if has_flags(fields):
-        flags = {f"10{digit}": ColumnHeading("power", "W", 1.0)}
+        flags = {"100": ColumnHeading("power", "W", 1.0)}
         return [flags.get(field, ColumnHeading(f"p{field}" if field.startswith("2") else "", "")) for field in fields]
     if all(NUMBER.match(field) or NOT_FINITE.match(field) for field in fields):
         return None

@@ -24,7 +24,7 @@ PUBLIC = {
     "replan",
     "CoverageOptions", "CoveragePlan", "EadpError", "EnergyFit", "EnergyModel", "ExportOptions", "Flight",
     "Infeasible", "InputError", "JobFlight", "SortieOptions", "SortiePlan", "cover_in_sorties", "simulate_sorties",
-    "Plan", "Profile", "ProfileSum", "SweepFlight", "cover", "export", "fit_power", "fit_vehicle",
+    "Plan", "Profile", "SweepFlight", "cover", "export", "fit_power", "fit_vehicle",
     "forecast", "read_mission", "read_plan", "read_profile", "report", "simulate", "sweep", "vehicle",
 }  # fmt: skip
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
