@@ -71,8 +71,6 @@ def summarise(
             "last": record.last,
             "changes": record.changes,
         }
-        if parameter.name in world.rates:
-            parameters[parameter.name]["actual_mean"] = log.actual_mean(i)
         if parameter.kind == PATH:
             parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]
         if parameter.title:
@@ -148,8 +146,8 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     assert log is not None
     computing_w = log.computing_j / duration_s
     motion_w = outcome.totals.energy_j / duration_s - computing_w
-    means = {name: log.records[i].actual_integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
-    low, high = (world.computing.extreme(world.plan, end, world.actual) for end in ("lo", "hi"))
+    means = {name: log.records[i].integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
+    low, high = (world.computing.extreme(world.plan, end) for end in ("lo", "hi"))
 
     def endurance(own_w: float, values: dict[str, float]) -> dict[str, Any]:
         power_w = motion_w + own_w
@@ -320,14 +318,13 @@ class Flight:
         world = self.inputs.world
         earth = [] if world.plan.site.origin_deg is None else ["lat_deg", "lon_deg"]
         fixed = [name for name in Step._fields[:-1] if name not in AIRSPEEDS]
-        return [*fixed, *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth, *self._speeds]
+        return [*fixed, *world.plan.names, *earth, *self._speeds]
 
     def _row(self, step: Step) -> list[float]:
         world = self.inputs.world
-        actual = dict(zip(world.plan.names, world.actual(step.parameters), strict=True))
         row: list[float] = [round(step.time_s, 9), step.stage, step.x_m, step.y_m, step.altitude_m, step.heading_rad]
         row += step.power_w, step.power_forecast_w, step.soc
-        row += [*step.parameters, *(actual[name] for name in world.rates)]
+        row += step.parameters
         if world.plan.site.origin_deg is not None:
             row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.site.origin_deg)]
         return row + [getattr(step, name) for name in self._speeds]

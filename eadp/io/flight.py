@@ -129,12 +129,11 @@ def value_of(values: Mapping[str, Any], key: str) -> str:
 
 def parameter_text(values: Mapping[str, Any]) -> str:
     """A parameter over a flight: its mean, its first and last value, and its changes."""
-    ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""
     first, last, changes = value_of(values, "first"), value_of(values, "last"), values["changes"]
     if not changes:
-        return f"{first}{ran}, no change"
+        return f"{first}, no change"
     changed = f"{changes} change{'s' if changes > 1 else ''}"
-    return f"mean {value_of(values, 'mean')}{ran}, first {first}, last {last}, {changed}"
+    return f"mean {value_of(values, 'mean')}, first {first}, last {last}, {changed}"
 
 
 PARTS = 100

@@ -294,7 +294,7 @@ class SortiePlanner:
     def _min_count(self, sample: FlightInputs, division: Division) -> int:
         """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
         motion, world, heading_rad = self.task.motion, sample.world, self.heading_rad
-        computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
+        computing_w, _ = world.computing.extreme(world.plan, "lo")
         power_w, battery = world.vehicle.cruise_power_w + computing_w, world.battery
         kept_s = battery.endurance_s(power_w, sample.scenario.keys.reserve_soc)
         pack_s = kept_s - battery.endurance_s(power_w, battery.soc)

@@ -15,11 +15,9 @@ from broken_osqp import BROKEN, broken_osqp
 from common import ROOT, few
 from common.answers import refused
 from common.pages import Page
-from common.recorder import watched
 
 from eadp.api.inputs import load_flight
 from eadp.models.vehicle import FixedWing
-from eadp.simulation.loop import Outcome, fly
 
 PLAN = "plans/survey.plan"
 SCENARIO = "scenarios/paper-i-dynamic.yaml"
@@ -229,53 +227,6 @@ def test_a_plan_on_standard_input(eadp, monkeypatch):
     assert eadp("simulate", "-").code == 0
 
 
-# --- computations that run at another rate than commanded
-
-STATIC = ("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--planner", "static", "--set", "time_limit_s=20")
-
-
-def columns_of(folder):
-    with (folder / "flight.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
-
-
-def test_power_and_quality_follow_the_rate_at_which_computations_run(eadp, tmp_path):
-    eadp(*STATIC, "-o", tmp_path / "commanded")
-    eadp(*STATIC, "--set", "computations={c2: {rate_ratio: 1.5, max_rate: 7}}", "-o", tmp_path / "actual")
-    commanded, actual = (columns_of(tmp_path / name) for name in ("commanded", "actual"))
-    assert [*actual] == [*commanded, "c2_actual"]
-    assert set(actual["c2"]) == {10}
-    assert set(actual["c2_actual"]) == {7}, "the lower of 1.5 · 10 and 7"
-    g_7_w = (8.68095 + 9.78429) / 2  # the profile's powers at 6 and 8
-    assert commanded["power_w"] - actual["power_w"] == pytest.approx(10.2112 - g_7_w, abs=1e-9)
-    summary, before = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("actual", "commanded"))
-    assert summary["parameters"]["c2"] == {
-        "mean": 10,
-        "first": 10,
-        "last": 10,
-        "changes": 0,
-        "actual_mean": 7,
-        "title": "fps",
-        "unit": "",
-    }
-    assert "actual_mean" not in before["parameters"]["c2"]
-    # c1 is at its maximum, c̃2 = (7 − 2)/8, of the same ground
-    assert summary["quality"] / before["quality"] == pytest.approx((1 + 5 / 8) / 2)
-    assert "fps        10, ran at 7, no change" in eadp(*STATIC, "--set", "computations.c2.max_rate=7").out
-
-
-def test_a_planner_sees_the_power_and_the_commanded_rate():
-    overrides = {"computations.c2.max_rate": 7.0, "time_limit_s": 20.0, "planner.name": "joint"}
-    overrides["planner.joint.max_interval_s"] = 0
-    inputs = load_flight(str(ROOT / PLAN), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
-    flight, outcome = watched(inputs), Outcome()
-    rows = {row.time_s: row.power_w for row in fly(inputs.world, flight, outcome)}
-    shared = [o for o in flight.planner.seen if o.time_s in rows]
-    assert len(shared) > 10
-    assert all(o.parameters[1] == 10 and o.sample.power_w == rows[o.time_s] for o in shared)
-
-
 # --- what is refused
 
 BAD_SETS = [
@@ -283,9 +234,6 @@ BAD_SETS = [
     ("wind.speed_mps=.nan", "not a finite number"),
     ("wind.speed=3", "unknown key wind.speed"),
     ("nosuch=1", "unknown key nosuch"),
-    ("computations.c2.rate_ratio=0", "computations.c2.rate_ratio cannot be 0; expected greater than 0"),
-    ("computations.c1.max_rate=1", "computations.c1.max_rate:1:1: error: the plan has no computation c1; expected one"),
-    ("computations.c2.rate_ratio=0.5", "stage 1: the actual rates leave what was measured: fps=1 is outside"),
     ("planner.name=greedy", "unknown planner greedy"),
     ("vehicle.airframe.model=balloon", "unknown vehicle.airframe.model balloon; expected one of fixed-wing, paper"),
     ("vehicle.max_bank_deg=30", "unknown key vehicle.max_bank_deg; expected vehicle.airframe.max_bank_deg"),

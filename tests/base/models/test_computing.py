@@ -10,7 +10,7 @@ import pytest
 from eadp.errors import EadpError
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
-from eadp.models.computing import ComputationRate, join_profile
+from eadp.models.computing import join_profile
 from eadp.models.plan.stage import Box
 from eadp.models.profile import Profile
 
@@ -71,22 +71,6 @@ def test_a_plan_without_computations_needs_no_profile():
 def test_a_configuration_measured_together_still_needs_its_zero():
     with pytest.raises(EadpError, match="stage 2: keysize=0"):
         join_profile(plan("%: computations fps, keysize\n", "[2, 10]\n[32, 448]\n", "[2, 10]\n[0, 0]\n"), GRID)
-
-
-@pytest.mark.parametrize(
-    ("rate", "commanded", "actual"),
-    [
-        (ComputationRate(), 6.0, 6.0),
-        (ComputationRate(0.5), 6.0, 3.0),
-        (ComputationRate(max_rate=4.0), 6.0, 4.0),
-        (ComputationRate(max_rate=4.0), 3.0, 3.0),
-        (ComputationRate(1.5, 7.0), 4.0, 6.0),
-        (ComputationRate(1.5, 7.0), 6.0, 7.0),
-        (ComputationRate(0.5, 0.0), 6.0, 0.0),
-    ],
-)
-def test_the_actual_rate(rate, commanded, actual):
-    assert rate.actual(commanded) == actual
 
 
 def test_the_ends_of_the_sets():
