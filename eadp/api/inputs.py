@@ -27,14 +27,14 @@ from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import CURRENT, CUT_OFF
-from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
-from eadp.models.doubts import aircraft_doubts, angle_doubts, fault_doubts, position_doubts
+from eadp.models.computing import Computing, join_profile, load_configuration, may_compute
+from eadp.models.doubts import aircraft_doubts, angle_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
-from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Leg, Stage, leg_points
+from eadp.models.plan.stage import LAND, TAKEOFF, Leg, Stage, leg_points
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
 from eadp.models.profile import Profile, configuration_text
 from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
@@ -54,8 +54,6 @@ LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 
 CORNERS_LIMIT = 6
 RETURN_HOME, IGNORE = "home", "ignore"
-COMMANDED = ComputationRate()
-"""A computation that runs as commanded."""
 
 Content = TypeVar("Content")
 
@@ -238,7 +236,6 @@ def load_flight(
     nominal = None if isinstance(vehicle, PaperVehicle) else NominalFlight(vehicle, setting.keys.guidance)
     forecast_s, overshoots = _nominal_s(flown, parameters, setting, start[0], nominal)
     world = _world(flown, computing, setting, parameters, start, forecast_s)
-    _check_rates(world, setting)
     _check_names(flown, setting)
     warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots, MOST)]
     mission = _mission(world, model, nominal, setting.keys.autopilot)
@@ -315,7 +312,7 @@ def _world(
     forecast_s: float,
 ) -> World:
     keys, (start_m, heading_rad) = scenario.keys, start
-    vehicle, rates = keys.vehicle.airframe, keys.computations
+    vehicle = keys.vehicle.airframe
     limit_s = keys.time_limit_s or (LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S)
     return World(
         plan=plan,
@@ -331,7 +328,6 @@ def _world(
         clock=Timing(keys.step_s, keys.log_every_s, limit_s),
         seed=keys.seed,
         sensors=keys.sensors,
-        rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
         way_home=_way_home(plan, scenario, parameters, start_m),
     )
 
@@ -405,21 +401,6 @@ def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | 
         nominal=nominal,
         autopilot=autopilot,
     )
-
-
-def _doubts(scenario: Scenario, world: World) -> list[Fault]:
-    """Warnings about settings that may mean something else."""
-    keys, plan = scenario.keys, world.plan
-    first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
-    found = [
-        *aircraft_doubts(keys.vehicle.airframe, keys.battery, keys.wind),
-        *angle_doubts("wind.from_deg", keys.wind.from_deg),
-        *angle_doubts("start.heading_deg", keys.start.heading_deg),
-        *position_doubts("start", keys.start.position_m, first_m, origin_deg),
-        *position_doubts("home", keys.home.position_m, first_m, origin_deg),
-        *fault_doubts(keys.faults, world.clock.time_limit_s),
-    ]
-    return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 
 
 def _check_aircraft(plan: Plan, text: Source, scenario: Scenario) -> None:
@@ -553,23 +534,6 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
     return tuple(values)
 
 
-def _check_rates(world: World, scenario: Scenario) -> None:
-    """The actual rates are of computations of the plan, and within what was measured."""
-    computations = [parameter.name for parameter in world.plan.parameters if parameter.kind == COMPUTATION]
-    expected = f"one of {', '.join(computations) or 'none'}"
-    faults = [
-        scenario.fault(f"computations.{name}", f"the plan has no computation {name}", expected)
-        for name in scenario.keys.computations
-        if name not in computations
-    ]
-    refuse(faults)
-    for stage in world.plan.stages if world.rates else ():
-        for corner in zip(*((box.lo, box.hi) for box in stage.sets), strict=True):
-            what = f"stage {stage.index}: the actual rates leave what was measured: "
-            with _at_key(scenario, "computations", "rates that the profile has measured", what):
-                world.computing_w(corner, stage)
-
-
 def _check_names(plan: Plan, scenario: Scenario) -> None:
     """Parameters that the planner's settings name are the plan's."""
     faults = [
@@ -594,6 +558,20 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
         )
     if found := planner_class(name).faults(scenario.planner, mission):
         raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
+
+
+def _doubts(scenario: Scenario, world: World) -> list[Fault]:
+    """Warnings about settings that may mean something else."""
+    keys, plan = scenario.keys, world.plan
+    first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
+    found = [
+        *aircraft_doubts(keys.vehicle.airframe, keys.battery),
+        *angle_doubts("wind.from_deg", keys.wind.from_deg),
+        *angle_doubts("start.heading_deg", keys.start.heading_deg),
+        *position_doubts("start", keys.start.position_m, first_m, origin_deg),
+        *position_doubts("home", keys.home.position_m, first_m, origin_deg),
+    ]
+    return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 
 
 @lru_cache(KEPT_ROUTES)

@@ -14,7 +14,6 @@ from eadp.models.battery import Battery
 from eadp.models.data_sheet import DataSheet, estimate
 from eadp.models.doubts import aircraft_doubts
 from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing, airframe_class
-from eadp.models.weather import Wind
 
 SCHEMA = "eadp.vehicle/1"
 DEFAULT = next(iter(AIRFRAMES))
@@ -141,7 +140,7 @@ def _with_sheet(document: Document, vehicle: Any, at: Path) -> Any:
 
 def vehicle_warnings(document: Document, vehicle: VehicleFile) -> list[Fault]:
     """Warnings about values of a vehicle's document that may mean something else."""
-    doubts = aircraft_doubts(vehicle.airframe, vehicle.battery, Wind())
+    doubts = aircraft_doubts(vehicle.airframe, vehicle.battery)
     return [
         replace(document.fault(tuple(key.removeprefix("vehicle.").split(".")), *what), severity="warning")
         for key, *what in doubts

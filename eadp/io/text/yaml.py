@@ -23,7 +23,6 @@ from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
 from eadp.io.text.options import attribute_docstrings
 from eadp.io.text.streams import Location, SourceText, Text, refuse_others
-from eadp.models.doubts import meant
 
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50
@@ -399,8 +398,6 @@ def _schema_fault(document: Document, problem: Any, model: Any, value: Any, sugg
     expected = _EXPECTED.get(kind, reworded)
     if kind == "float_type" and isinstance(wrong, str) and DECIMAL_COMMA.match(wrong.strip()):
         expected = f"a number with a decimal point, as in {wrong.strip().replace(',', '.')}"
-    if kind in ("less_than", "less_than_equal") and (otherwise := meant(str(path[-1]), wrong)):
-        expected += f": {otherwise}"
     shown = printable(repr(wrong), 60)
     if isinstance(wrong, dict | list | tuple):
         shown = "a mapping" if isinstance(wrong, dict) else f"a list of {len(wrong)}"
