@@ -21,7 +21,6 @@ from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
 from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_document, scenario_of, value_text
-from eadp.io.text.options import parse_named
 from eadp.io.text.streams import SourceText, Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
@@ -101,31 +100,31 @@ class Files:
             self.texts[path] = read(path)
         return self.texts[path]
 
-    def read(self, path: str, parse: Callable[[Text], Content], reference: Fault | None = None) -> tuple[Text, Content]:
-        """A file's text and content; `reference` is where another file names it."""
+    def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
+        """A file's text and content."""
         text = self.text(path)
         if (path, parse) not in self._contents:
-            self._contents[path, parse] = parse_named(text, parse, reference)
+            self._contents[path, parse] = parse(text)
         content: Content = self._contents[path, parse]
         return text, content
 
-    def document(self, given: File | Mapping[str, Any] | None, reference: Fault | None = None) -> Document:
+    def document(self, given: File | Mapping[str, Any] | None) -> Document:
         """A scenario's document: of its file, of its keys, or of the defaults."""
         if given is None:
             return Document(SourceText(Text("scenario", "")), {})
         if isinstance(given, Mapping):
             return Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
-        return self.read(str(given), scenario_document, reference)[1]
+        return self.read(str(given), scenario_document)[1]
 
     def scenario(self, given: File | Mapping[str, Any] | None, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """A scenario with some keys overridden."""
         return scenario_of(self.document(given), overrides, self.text)
 
-    def profile(self, given: File | Profile, reference: Fault | None = None) -> tuple[Source, Profile, list[Fault]]:
+    def profile(self, given: File | Profile) -> tuple[Source, Profile, list[Fault]]:
         """A profile, a model or of measurements, where it comes from, and warnings."""
         if not isinstance(given, str | PathLike):
             return Given(given, "given-profile.yaml", profile_yaml), given, []
-        text, (profile, found) = self.read(str(given), parse_profile, reference)
+        text, (profile, found) = self.read(str(given), parse_profile)
         return text, profile, found
 
 
@@ -213,10 +212,9 @@ def load_flight(
     if setting.vehicle_text is not None:
         sources["vehicle"] = setting.vehicle_text
     computations, model = None, None
-    reference = None if profile is not None else setting.fault("profile", "")
     given_profile = setting.profile_path if profile is None else profile
     if given_profile is not None:
-        sources["profile"], computations, found = files.profile(given_profile, reference)
+        sources["profile"], computations, found = files.profile(given_profile)
         warnings += found
     flown, setting = _named(flown, plan_source, computations, setting)
     place = "" if computations is None else sources["profile"].name

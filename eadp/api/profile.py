@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from eadp.api.given import File, Warn, python_warnings
 from eadp.errors import Fault
 from eadp.io.profile import model_file
-from eadp.io.text.options import parse_named
 from eadp.io.text.streams import read_text
 from eadp.models.profile import Profile
 
@@ -25,7 +24,7 @@ def profile_of_scenario(setting: Scenario) -> tuple[Profile | None, list[Fault]]
     """
     if setting.profile_path is None:
         return None, []
-    return parse_named(read_text(setting.profile_path), model_file.parse_profile, setting.fault("profile", ""))
+    return model_file.parse_profile(read_text(setting.profile_path))
 
 
 def read_profile(file: File, *, warn: Warn = python_warnings) -> Profile:

@@ -22,7 +22,6 @@ from eadp.core.arrays import Altitude, Coordinate, Degrees, Duration, Latitude, 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, heading_rad, to_near_local_m
 from eadp.errors import Fault, InputError, one_of, printable, refuse
-from eadp.io.text.options import parse_named
 from eadp.io.text.streams import SourceText, Text, read_text
 from eadp.io.text.yaml import (
     STRICT,
@@ -422,7 +421,7 @@ def scenario_of(
         _put(document, "vehicle", overrides.pop("vehicle"))
     if path is not None:
         vehicle_text = _vehicle_text(document, path, text)
-        document.value["vehicle"] = parse_named(vehicle_text, _vehicle_keys, document.fault(("vehicle",), ""))
+        document.value["vehicle"] = _vehicle_keys(vehicle_text)
     for key, given in overrides.items():
         _put(document, key, copy.deepcopy(given))
     return _checked(document, vehicle_text)
