@@ -123,8 +123,7 @@ def _with_sheet(document: Document, vehicle: Any, at: Path) -> Any:
     if sheet.endurance_min is not None and sheet.pack_wh is None and not pack:
         message = "data_sheet.endurance_min without the pack that it is stated for"
         raise InputError(document.fault((*place, "endurance_min"), message, "pack_wh, or the battery of the vehicle"))
-    new = {key: value for key, value in pack.items() if key not in ("cycles", "age_years")}  # as it was stated for
-    battery = validated_at((*place[:-1], "battery"), Battery, document, new)
+    battery = validated_at((*place[:-1], "battery"), Battery, document, pack)
     base = validated_at((*place[:-1], "airframe"), FixedWing, document, given)
     try:
         sheet = sheet.with_power(battery)
