@@ -254,25 +254,13 @@ class Flight:
     overrides: Sequence[str] = ()
     estimates: Sequence[Any] = ()
 
-    def table(self, of: Literal["steps", "decisions", "estimates"] = "steps") -> AnyTable:
-        """A table of pandas, polars or Arrow, whichever is installed; else a dict of lists.
+    def table(self) -> AnyTable:
+        """`columns` as a table of pandas, polars or Arrow, whichever is installed; else a dict of lists.
 
-        Of steps, `columns`, and each parameter with a name under it, as people read it: c1 as spacing, c2 as fps. Of
-        decisions and estimates, the keys of `decisions.jsonl` and the columns of `estimate.csv`.
+        Each parameter with a name stands under it, too, as people read it: c1 as spacing, c2 as fps.
         """
-        world = self.inputs.world
-        if of == "decisions":
-            rows = [record_row(record, world.plan.names) for record in self.decisions]
-            for row in rows:
-                row |= row.pop("parameters")
-            return frame({key: [row[key] for row in rows] for key in (rows[0] if rows else ())})
-        if of == "estimates":
-            head, *lines = self.estimate_rows or [()]
-            values = zip(*lines, strict=True) if lines else [()] * len(head)
-            cells = ([None if cell == "" else cell for cell in column] for column in values)
-            return frame(dict(zip(map(str, head), cells, strict=True)))
         columns: dict[str, Any] = {**self.columns, "stage": self.columns["stage"].astype(int)}
-        for parameter in world.plan.parameters:
+        for parameter in self.inputs.world.plan.parameters:
             if parameter.title:
                 columns[parameter.title] = [parameter.shown(value) for value in self.lists[parameter.name]]
         return frame(columns)

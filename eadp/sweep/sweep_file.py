@@ -20,7 +20,7 @@ from eadp.io.energy import parse_energy
 from eadp.io.plan.sources import PlanReader
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
-from eadp.io.text.streams import SourceText, Text, refuse_others
+from eadp.io.text.streams import SourceText, Text
 from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.plug_ins import code_identity
@@ -163,7 +163,6 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
         With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
     """
     if isinstance(given, Text):
-        refuse_others(given, "sweep")
         document = read_yaml(given)
     else:
         document = Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})

@@ -22,7 +22,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
 from eadp.io.text.options import attribute_docstrings
-from eadp.io.text.streams import Location, SourceText, Text, refuse_others
+from eadp.io.text.streams import Location, SourceText, Text
 
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50
@@ -134,19 +134,13 @@ def _build(node: Node, path: Path, document: Document, faults: list[Fault]) -> A
 
 def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fault]) -> dict[str, Any]:
     result: dict[str, Any] = {}
-    for before, (key_node, value_node) in zip([None, *node.value], node.value, strict=False):
+    for key_node, value_node in node.value:
         location = _location(key_node.start_mark)
         if not isinstance(key_node, ScalarNode):
             document.places[(*path, "?")] = location
             faults.append(document.fault((*path, "?"), "a key that is not a name", "a name"))
             continue
         key = key_node.value
-        if before is not None and _is_decimals(before[1], key_node, value_node):
-            whole = before[1].value
-            document.places[(*path, "?")] = _location(before[1].start_mark)
-            message = f"{printable(whole)},{printable(key)} has a decimal comma"
-            faults.append(document.fault((*path, "?"), message, f"a decimal point, as in {whole}.{key}"))
-            continue
         if key in result:
             document.places[(*path, "?")] = location
             faults.append(document.fault((*path, "?"), f"the key {printable(key)} stands twice", "it once"))
@@ -155,12 +149,6 @@ def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fau
         # the location is the key's: an empty value has none, and a block starts a line later
         document.places[(*path, key)] = location
     return result
-
-
-def _is_decimals(number: Node, key: ScalarNode, value: Node) -> bool:
-    """Whether a key is the digits after the comma of the number before it, as the 5 of `{a: 6,5, b: 1}`."""
-    numbers = isinstance(number, ScalarNode) and number.style is None and _INT.match(number.value)
-    return bool(numbers) and key.style is None and key.value.isdigit() and value.start_mark == value.end_mark
 
 
 def _without_surrogates(raw: str, path: Path, document: Document, faults: list[Fault]) -> str:
@@ -300,7 +288,6 @@ def keys_document(text: Text, schema: str) -> Document:
     InputError
         If it is no YAML or no mapping, or has no key `schema`.
     """
-    refuse_others(text, schema.removeprefix("eadp.").partition("/")[0])
     document = read_yaml(text)
     if document.value is None:
         document.value = {}
