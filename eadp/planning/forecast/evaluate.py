@@ -180,8 +180,6 @@ class Evaluation:
         Standard deviation of the final state of charge with the reserve just kept.
     knapsack : Knapsack
         The computations of each place, within the charge that keeps the reserve with its probability.
-    final_std : array, shape (places,)
-        Of `std`, what will not be known when the computations change last.
     own : AutopilotsOwn
         What the autopilot does on its own.
     airspeeds_mps : array, shape (places, stages), or None
@@ -202,10 +200,21 @@ class Evaluation:
     ends: list[UncertainEnds]
     std: FloatArray
     knapsack: Knapsack
-    final_std: FloatArray
     own: AutopilotsOwn
     airspeeds_mps: FloatArray | None = None
     thriftiest: Evaluation | None = None
+
+    @property
+    def final_std(self) -> FloatArray:
+        """Of `std`, what will not be known when the computations change last, shape (places,).
+
+        σ₊² = g² + (τ/T)² (σ² − g²): of the deviation at the last change, τ before the end, the part g of the gauge's
+        gain stays, and the rest falls with the time T that is left.
+        """
+        gain = self.evaluator.gain_std(self.known, max(self.evaluator.objective.reserve_soc, 0.0))
+        still = np.minimum(LAST_CHANGE_S / self.totals.seconds, 1.0)
+        std: FloatArray = np.hypot(gain, still * np.sqrt(np.maximum(self.std**2 - gain**2, 0.0)))
+        return std
 
     @property
     def adaptive(self) -> Knapsack:
@@ -223,6 +232,16 @@ class Evaluation:
         """The knapsack with the smaller margin at every place: z (σ − σ₊) less is kept."""
         learned = self.evaluator.quantile * (self.std - self.final_std)
         return self.knapsack._replace(available=self.knapsack.available + learned)
+
+    @property
+    def with_loss(self) -> Knapsack:
+        """The knapsack that leaves the charge of a first sudden loss, too.
+
+        At places where one is to be expected with more than the probability that the reserve may be missed.
+        """
+        risk = 1.0 - np.exp(-self.evaluator.losses(self.known, self.totals.seconds))
+        expected = (risk > 1.0 - self.evaluator.objective.probability) & (self.known.charge.losses == 0)
+        return self.knapsack._replace(available=self.knapsack.available - LOSS * expected)
 
     def left_over(self, filling: Filling) -> float:
         """State of charge available in `adaptive` beyond the use of a filling; for an evaluation of one place."""
@@ -351,13 +370,13 @@ class Evaluator:
         """Standard deviation of the final state of charge, where its mean is `soc`, shape (routes,)."""
         # the energy varies with the motion's power, and with the time
         energy_var = totals.energy_var_j2 + totals.mean_w**2 * totals.time_var_s2
-        gain = self._gain_std(known, soc)
+        gain = self.gain_std(known, soc)
         loss_var = self.losses(known, totals.seconds) * LOSS_SQUARE  # of a compound Poisson process: λ t E x²
         charge_var = totals.charge_var + known.charge.lost_std**2
         std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + charge_var + gain**2 + loss_var)
         return std
 
-    def _gain_std(self, known: Known, soc: float | FloatArray) -> FloatArray:
+    def gain_std(self, known: Known, soc: float | FloatArray) -> FloatArray:
         """Standard deviation of a final state of charge due to the gauge's gain, which no reading in flight shows."""
         std: FloatArray = known.charge.gain_std * np.maximum(known.charge.gain_from - soc, 0.0)
         return std
@@ -507,14 +526,8 @@ class Evaluator:
             base_value=base + legs.sums(weight * values[:, 0]),
             available=self._available(known, legs, load, limits, totals, ends, std, base_use, own),
         )
-        # σ₊² = g² + (τ/T)² (σ² − g²): of the deviation at the last change, τ before the end, the part g of the gauge's
-        # gain stays, and the rest falls with the time T that is left
-        gain, still = self._gain_std(known, max(reserve_soc, 0.0)), np.minimum(LAST_CHANGE_S / totals.seconds, 1.0)
-        final_std = np.hypot(gain, still * np.sqrt(np.maximum(std**2 - gain**2, 0.0)))
         index = np.arange(len(routes))
-        return Evaluation(
-            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, knapsack, final_std, own
-        )
+        return Evaluation(self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, knapsack, own)
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
         """Share of the first leg of each route that is left, shape (routes,); `whole_s` are the times of whole legs."""

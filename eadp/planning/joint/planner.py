@@ -333,9 +333,11 @@ class JointPlanner(Planner):
         best = search.best(places.shares)
         if best is None:
             return kept
-        gains_little = feasible and best.value <= threshold
-        as_short = kept is not None and not best.feasible and not self._less_short(kept, best.shortfall)
-        found = kept if gains_little or as_short else self._plan(known, best.shares, pace_mps) or kept
+        found = kept
+        if not (feasible and best.value <= threshold):
+            found = self._plan(known, best.shares, pace_mps) or kept
+            if kept and found and not best.feasible and not self._less_short(kept, found.evaluation.shortfall(0)):
+                found = kept
         return found and found._replace(in_reach=search.in_reach)
 
     def _less_short(self, kept: Candidate, shortfall: float) -> bool:

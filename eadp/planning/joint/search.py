@@ -76,7 +76,9 @@ class Search:
     threshold : float
         Value that a place has to exceed to be of use.
     ahead : bool
-        Whether to note what is in reach.
+        Whether the airspeed is decided, and places are evaluated at the slowest: with lines as dense as that allows,
+        nothing could answer a loss. So places leave the charge of one, see `Evaluation.with_loss`; and what is in reach
+        is noted.
 
     Attributes
     ----------
@@ -102,7 +104,8 @@ class Search:
             self.known.update(dict.fromkeys(new))  # None: cannot be flown, unless found below
             flyable, evaluation = self.evaluate(new)
             if evaluation is not None:
-                filling, spare = evaluation.filled(), evaluation.knapsack.spare
+                knapsack = evaluation.with_loss if self.ahead else evaluation.knapsack
+                filling, spare = fill_greedy(knapsack), knapsack.spare
                 if self.ahead:
                     later = fill_greedy(evaluation.later)
                     self.in_reach = max(self.in_reach, float(later.value[later.feasible].max(initial=-math.inf)))

@@ -13,8 +13,10 @@ from scipy.optimize import minimize_scalar
 
 from eadp.api.flight import simulate
 from eadp.core.guidance import load_factor
+from eadp.models.battery import LOSS
 from eadp.models.plan.route import RouteArrays
 from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
+from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.speed_to_fly import HURRY_W, STEP_MPS, airspeeds_of, value_w
 from eadp.planning.state.flight_state import FlownAirspeed
 from eadp.planning.state.motion import MotionPower
@@ -241,3 +243,22 @@ def test_the_flight_stays_slow_while_denser_lines_are_in_reach():
     assert at_loss.airspeed_mps == after.airspeed_mps < 11.0
     assert flight.summary["reserve_kept"]
     assert flight.summary["quality"] > 0.99
+
+
+def test_lines_leave_the_charge_of_a_first_loss_while_one_is_expected():
+    """At 1 / h a loss in the survey's ten minutes is likelier than the 5 % with which the reserve may be missed."""
+    spares = {}
+    for rate_per_h, losses in ((0.0, 0), (1.0, 0), (1.0, 1)):
+        forecasting = Forecasting(survey_inputs(**SLOW), objective=Objective(0.05, 0.95, rate_per_h / 3600))
+        known = forecasting.known._replace(charge=forecasting.known.charge._replace(losses=losses))
+        evaluation = forecasting.evaluator.evaluate(known, [forecasting.route(0.0), forecasting.route(1.0)])
+        spares[rate_per_h, losses] = evaluation.knapsack.spare - evaluation.with_loss.spare
+    assert spares == {(0.0, 0): pytest.approx(0.0), (1.0, 0): pytest.approx(LOSS), (1.0, 1): pytest.approx(0.0)}
+
+
+def test_a_flight_whose_lines_became_denser_keeps_the_reserve_after_a_loss():
+    losing = {"parameters": {"c1": -1000.0}, "faults": [{"at_s": 300.0, "soc_drop": 0.08}]}
+    inputs, ended = survey_inputs(**SLOW, **PACK, **losing), Outcome()
+    list(fly(inputs.world, inputs.flight(), ended))
+    assert ended.soc_final >= 0.05
+    assert ended.parameters.quality({}) > 0.5
