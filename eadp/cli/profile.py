@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
-from eadp.io.profile.configurations import MeasureOptions
+from eadp.io.profile.measurements import MeasureOptions
 from eadp.io.profile.recordings import PowerColumns
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, option_name
@@ -73,7 +73,7 @@ def command(
 
     Measure them: eadp profile --measure --config fps=2,4,6 -o measured.csv -- ./detect --rate {fps}
     """
-    from eadp.io.profile.configurations import parse_configuration
+    from eadp.io.profile.measurements import parse_configuration
     from eadp.io.profile.model_file import powers_at, profile_document, profile_yaml, read_profile
     from eadp.io.text.streams import write_text
 

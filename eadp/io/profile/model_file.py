@@ -15,7 +15,6 @@ from pydantic import Field
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
-from eadp.io.profile.configurations import parse_configuration
 from eadp.io.profile.measurements import (
     A_NAME,
     LARGEST,
@@ -25,6 +24,7 @@ from eadp.io.profile.measurements import (
     PointFaults,
     Trace,
     is_trace,
+    parse_configuration,
     read_measurements,
 )
 from eadp.io.profile.recordings import PowerColumns, read_recording
