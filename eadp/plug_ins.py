@@ -73,7 +73,6 @@ OWN: dict[str, dict[str, str]] = {
     "pages": {
         "flight": "eadp.report.report:FOLDER",
         "sweep": "eadp.sweep.page:PAGE",
-        "log": "eadp.live.log_page:PAGE",
     },
     "results": {"flight": "eadp.report.report:read_folder"},
     "charts": {"periodogram": "eadp.measure.figures:draw_periodogram"},

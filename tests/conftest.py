@@ -137,65 +137,26 @@ COMPILED = [
     "base/cli",
     "base/io/figures",
     "base/io/flight",
-    "base/planning/forecast",
-    "base/planning/joint",
-    "base/planning/state",
-    "base/planning/test_battery_limits.py",
-    "base/planning/test_registry.py",
+    "base/planning",
     "base/simulation/test_fixed_wing.py",
     "base/simulation/test_reproduction.py",
     "base/simulation/test_wind_over_time.py",
-    "exchange/test_mission_seams.py",
-    "exchange/test_rules.py",
-    "live/test_acquisition.py",
-    "live/test_apply.py",
-    "live/test_beside_autopilots.py",
-    "live/test_home_beside_px4.py",
-    "live/test_kept.py",
-    "live/test_link.py",
-    "live/test_live.py",
-    "live/test_recorded.py",
-    "live/test_replan_command.py",
-    "live/test_replan_log.py",
-    "live/test_replan_replan.py",
-    "live/test_replan_trouble.py",
-    "live/test_upload.py",
-    "measure/test_figures_fit.py",
-    "measure/test_fit_battery.py",
-    "measure/test_fit_command.py",
-    "measure/test_fit_pictures.py",
-    "measure/test_fit_vehicle.py",
-    "measure/test_power.py",
-    "measure/test_profile_measure.py",
+    "exchange",
+    "live",
+    "measure",
     "report",
-    "survey/test_cover_command.py",
-    "survey/test_coverage_cover.py",
-    "survey/test_init.py",
-    "survey/test_landing.py",
-    "survey/test_mast_near_home.py",
-    "survey/test_resume.py",
-    "survey/test_sorties_command.py",
-    "survey/test_survey_job.py",
-    "survey/test_terrain.py",
+    "survey",
     "sweep/test_sweep_command.py",
     "sweep/test_sweep_file.py",
-    "test_autopilot.py",
-    "test_library_page.py",
-    "test_notebook.py",
-    "test_pictures.py",
-    "test_readme.py",
-    "test_real.py",
-    "test_results_page.py",
-    "test_words.py",
 ]
-"""Tests of whole flights whose subject is not the plain form of the code."""
+"""Tests of whole flights whose subject is not the plain form of the code, beside those of this folder."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _machine_code(request: pytest.FixtureRequest):
     """Flights of these tests are compiled, where numba is installed."""
     path = request.path.relative_to(ROOT / "tests")
-    compiled.enable(any(path.is_relative_to(name) for name in COMPILED))
+    compiled.enable(path.parent.name == "" or any(path.is_relative_to(name) for name in COMPILED))
     yield
     compiled.enable(False)
 

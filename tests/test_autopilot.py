@@ -1,7 +1,5 @@
 """`eadp replan` on recorded flights of ArduPlane: what benchmarks/autopilot.py measures; skipped without them."""
 
-from __future__ import annotations
-
 import importlib.util
 import itertools
 import sys

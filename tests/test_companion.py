@@ -1,7 +1,5 @@
 """The vehicle of the page flies the mission that the page exports."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shlex

@@ -1,7 +1,5 @@
 """The examples run in the environment that they ask for: without the libraries of the tests, and of other extras."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The house keeps its order: names of classes are unique, and prose and names are in the field's terms."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import re

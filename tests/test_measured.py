@@ -4,8 +4,6 @@ A figure is followed there by a comment with its file, row and column: `0.9<!-- 
 `PYTHONPATH=tests/support python tests/test_measured.py` writes the present figures into it.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import sys

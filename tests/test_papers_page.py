@@ -1,7 +1,5 @@
 """docs/papers.md: every numbered item of the papers is in it, and everything that it names exists."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from functools import cache

@@ -1,7 +1,5 @@
 """The pictures of the pages are what their commands draw today."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A package that adds to eadp, the one of docs/examples: installed beside it, found by its entry points, and flown."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil
@@ -112,8 +110,8 @@ def test_a_package_that_cannot_be_imported_is_named(site, capsys, monkeypatch):
 @pytest.mark.quick(1)
 @pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("fast", [True, False])
-def test_an_airframe_flies_with_its_own_keys(fast, tmp_path, monkeypatch):
-    monkeypatch.setattr(compiled, "enabled", lambda: fast and compiled.available())
+def test_an_airframe_flies_with_its_own_keys(fast, tmp_path):
+    compiled.enable(fast)
     kind = plug_in("airframes", "glider")
     assert issubclass(kind, FixedWing)
     file = tmp_path / "glider.yaml"
@@ -144,8 +142,8 @@ def test_formulas_that_no_flight_asks_are_refused(own, message, monkeypatch):
 @pytest.mark.quick(1)
 @pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("fast", [False, True])
-def test_cells_are_drained_and_forecast_by_their_own_law(fast, monkeypatch):
-    monkeypatch.setattr(compiled, "enabled", lambda: fast and compiled.available())
+def test_cells_are_drained_and_forecast_by_their_own_law(fast):
+    compiled.enable(fast)
     law, ohm, capacity_ah = plug_in("batteries", "sodium"), 0.1, 0.55
     cells = {"battery.chemistry": "sodium", "battery.cells": 4, "battery.capacity_ah": capacity_ah}
     held = {

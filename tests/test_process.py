@@ -1,7 +1,5 @@
 """The process of the command: signals from its first line on, closed and full standard streams, plain terminals."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

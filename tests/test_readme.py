@@ -3,8 +3,6 @@
 `PYTHONPATH=tests/support python tests/test_readme.py` writes the present output into the pages.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import re

@@ -1,7 +1,5 @@
 """Missions that others made, of a folder beside the project: refused with the reason, or forecast as they are flown."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The nodes of ros/ on a recorded flight: that of ROS 1 under the real one, that of ROS 2 beside stand-ins."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import json
@@ -239,10 +237,10 @@ for topic, message in test_ros.messages(Path(sys.argv[2]), kinds, lambda time_s:
         time.sleep(0.2)
     if hasattr(message, "header") and topic != "mavros/global_position/global":
         message.header.stamp = rospy.Time(0)
+    before = len(decisions)
     publishers[topic].publish(message)
     time.sleep(0.005)
     if topic == "mavros/global_position/global":
-        before = len(decisions)
         until = time.monotonic() + 5
         while len(decisions) == before and time.monotonic() < until:
             time.sleep(0.005)

@@ -1,7 +1,5 @@
 """The plant of benchmarks/twin.py is the aeroplane that it says it is; skipped without jsbsim."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import sys

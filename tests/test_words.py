@@ -1,7 +1,5 @@
 """What a pilot reads has no word of the inside: the table of docs/nomenclature.md, held against what commands print."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -38,13 +38,10 @@ POSITION_WARNING_M = 1e-3
 DIRECTION_WARNING_DEG = 0.1
 DIRECTION_ERROR_DEG = 45.0
 RADIUS_TOLERANCE_M = 1e-6
-NEARLY_WHOLE_TURN = 0.97
-"""A sweep of more of a turn than this is a trigger just behind where its circle is joined, or meant: a warning."""
 
 GRID = {1: 17, 2: 9}
 RANDOM_SAMPLES = 200
 CORNERS_LIMIT = 256
-REJOIN_CORNERS_LIMIT = 64
 REFINEMENTS = 40
 TRIALS_LIMIT = 2000
 CHANGING_FLIGHTS = 24
@@ -117,7 +114,6 @@ class _Measures:
     turn_deg: float = math.nan
     radius_m: float = math.inf
     ahead_m: float = math.inf
-    sweep: float = 0.0
     trouble: str = ""
     foot_m: Point = (math.nan, math.nan)
     headings_deg: tuple[float, float] = field(default=(math.nan, math.nan))
@@ -158,7 +154,6 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequenc
         findings += _stage_findings(plan, stage, measured, least, proof)
         witness.append(_leads_on(plan.radius_m(stage), measured))
     findings += _sets_findings(plan)
-    findings += _rejoin_findings(plan)
     findings += _corners_findings(plan)
     findings += _airspace_findings(plan)
     return GeometryReport(tuple(findings), tuple(witness), tuple(proofs))
@@ -198,21 +193,21 @@ def _boxes(plan: Plan, stage: Stage) -> list[Box]:
     return boxes
 
 
-def _corners(count: int, limit: int) -> list[Vector]:
-    """Corners of the unit box: all, or of more than `limit` a seeded sample with the first and the last."""
-    if 2**count <= limit:
+def _corners(count: int) -> list[Vector]:
+    """Corners of the unit box: all, or of more than `CORNERS_LIMIT` a seeded sample with the first and the last."""
+    if 2**count <= CORNERS_LIMIT:
         return list(itertools.product((0.0, 1.0), repeat=count))
-    drawn = np.random.default_rng(1).integers(0, 2, (limit - 2, count)).astype(float)
+    drawn = np.random.default_rng(1).integers(0, 2, (CORNERS_LIMIT - 2, count)).astype(float)
     return [(0.0,) * count, (1.0,) * count, *map(tuple, drawn.tolist())]
 
 
-def _points(boxes: Sequence[Box], corners_limit: int = CORNERS_LIMIT, inside: bool = True) -> list[Vector]:
+def _points(boxes: Sequence[Box]) -> list[Vector]:
     """Corners first, then points inside: a grid of one or two parameters, a seeded sample of more."""
     free = [i for i, box in enumerate(boxes) if not box.fixed]
-    shares = _corners(len(free), corners_limit)
-    if inside and len(free) in GRID:
+    shares = _corners(len(free))
+    if len(free) in GRID:
         shares += itertools.product(np.linspace(0, 1, GRID[len(free)]).tolist(), repeat=len(free))
-    elif inside and free:
+    elif free:
         shares += map(tuple, np.random.default_rng(0).random((RANDOM_SAMPLES, len(free))).tolist())
     points = []
     for share in shares:
@@ -382,7 +377,6 @@ def _measure_stage(
         if join is not None:
             ahead_m = track.ahead_m(join)
             measures.ahead_m = ahead_m if math.isfinite(ahead_m) else -math.inf
-            measures.sweep = max(ahead_m, 0.0) / track.turn_m if math.isfinite(ahead_m) else 0.0
     except PathUndefined as error:
         measures.trouble = str(error)
     return measures
@@ -492,13 +486,6 @@ def _order_findings(
             f"it may end as it starts"
         )
         yield finding(WARNING, "short-stage", message, parameters)
-    parameters, measures = max(measured, key=lambda item: item[1].sweep)
-    if NEARLY_WHOLE_TURN < measures.sweep < 1:
-        message = (
-            f"stage {stage.index} flies {100 * measures.sweep:.0f} % of a whole circle to a trigger that lies just "
-            f"behind where it is joined"
-        )
-        yield finding(WARNING, "nearly-whole-turn", message, parameters)
 
 
 def _at(plan: Plan, parameters: Vector) -> str:
@@ -536,35 +523,6 @@ def _sets_findings(plan: Plan) -> Iterator[Finding]:
         if stage.gain == 0:
             message = f"stage {stage.index} has a gain of 0: nothing leads back to its path"
             yield Finding(WARNING, stage.index, stage.line, "no-gain", message)
-
-
-def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
-    """An explicit plan without laps takes new parameters at every stage: where that leaves a stage impossible to join.
-
-    Looked at with the last stage's trigger at one end of the sets and the next stage's path at the other.
-    """
-    if plan.whole_laps or plan.segments or not plan.has_sets:
-        return
-    for stage, after in itertools.pairwise(plan.stages):
-        points = _points(stage.sets[: plan.path_count], REJOIN_CORNERS_LIMIT, inside=False)
-        triggers = [(point, _or_none(stage.trigger_at, point)) for point in points]
-        paths = [(point, _or_none(after.path_at, point)) for point in points]
-        worst: tuple[float, Vector, Vector] = (0.0, (), ())
-        for (old, trigger), (new, path) in itertools.product(triggers, paths):
-            gap = None if trigger is None or path is None or old == new else _or_none(_gap_m, after, path, trigger)
-            if gap is not None and gap > worst[0]:
-                worst = (gap, old, new)
-        gap, old, new = worst
-        if gap > plan.radius_m(stage):
-            message = (
-                f"a change of parameters while stage {stage.index} is flown leaves its trigger {gap:.2f} m off the "
-                f"path of stage {after.index}{_at(plan, tuple(old))}, then{_at(plan, tuple(new))}"
-            )
-            yield Finding(WARNING, after.index, after.line, "rejoin", message, proven=False)
-
-
-def _gap_m(stage: Stage, path: PathFunction, point: Point) -> float:
-    return math.dist(point, stage.track(path, point).nearest(point))
 
 
 def _or_none(function: Callable[..., T], *arguments: Any) -> T | None:

@@ -18,13 +18,13 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
 from eadp.live.gate import BY_HAND_S, FAR, SLACK_M, SPEED_FACTOR, Departure, Notice
-from eadp.live.locator import Acquisition, InitialClimb, path_mismatch
+from eadp.live.locator import InitialClimb, path_mismatch
 from eadp.live.tracker import Messages, PlanTracker
 from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
 from eadp.models.plan.stage import Stage, rest_of
-from eadp.planning.base import BY_FALLBACK, Decision, Ending, Mission, Observation, Sample, next_multiple
+from eadp.planning.base import BY_FALLBACK, Ending, Mission, Observation, Sample, next_multiple
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.registry import PlannedFlight
 from eadp.planning.state.flight_state import FlightState
@@ -42,9 +42,8 @@ STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
 """Codes of warnings: position or charge is not measured, the stage is not certain, parameters are not applied."""
 
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
-SEARCHED = "stage and lap are not known yet: parameters stay"
 NOT_FLOWN, RETURNS = "the plan is not flown: parameters stay", "the autopilot returns: parameters stay"
-UNDECIDED = TAKE_OFF, KEPT, SEARCHED, NOT_FLOWN, RETURNS
+UNDECIDED = TAKE_OFF, KEPT, NOT_FLOWN, RETURNS
 """Reasons of advice without a decision of the planner."""
 
 
@@ -154,10 +153,9 @@ class LiveFlight:
         # made at the first sample, by `_start`
         self._tracker: PlanTracker
         self._climbs: InitialClimb
-        self._departure = Departure()
-        # made once the stage is known, by `_plan_with`
-        self._flight: PlannedFlight | None = None
+        self._flight: PlannedFlight
         self._held: HeldForecast
+        self._departure = Departure()
         self._origin_s = 0.0  # the flight's time 0 on the samples' clock [s]
         # time [s] and state of charge of the last sample
         self._last: tuple[float, float] = (0.0, 1.0)
@@ -169,7 +167,7 @@ class LiveFlight:
         if stated.kind == autopilot.kind:
             autopilot = replace(autopilot, parameters={**stated.parameters, **autopilot.parameters})
         self._mission = replace(self._mission, autopilot=autopilot)
-        if self._flight is not None:
+        if self._started:
             self._flight.state.autopilot = autopilot
 
     def rest(self) -> PlannedLegs | None:
@@ -180,25 +178,26 @@ class LiveFlight:
         PathUndefined
             If they cannot be laid out.
         """
-        if not self._started or self._tracker.complete or self._tracker.lost or self._flight is None:
+        if not self._started or self._tracker.complete or self._tracker.lost:
             return None
         executor, (time_s, position) = self._tracker.executor, self._tracker.located
         cursor = executor.cursor.decide(self._flight.decision.parameters)
         rest = RoutePredictor().route(cursor, executor.joined_m).planned()
         # roughly how much of the first leg is flown, by time and airspeed: `rest_of` corrects it by the position
-        flown_m = self._mission.cruise_mps * (time_s - self._tracker.locator.hypotheses[0].stage_started_s)
+        flown_m = self._mission.cruise_mps * (time_s - self._tracker.stage_started_s)
         first, *others = rest.legs
         return PlannedLegs((rest_of(first, position, flown_m), *others), rest.parameters, executor.stages_started)
 
     def update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Update with a sample later than the last one; return advice, if any is due, and notices."""
         self._messages.clear()
+        velocity = self._ground.update(sample)
         if not self._started:
             if sample.position_m is None and self._mission.start_m is None:
                 return None, (Notice("x_m", "the flight starts at the first position", "a position"),)
             self._start(sample)
         tracker = self._tracker
-        to = sample._replace(time_s=sample.time_s - self._origin_s, velocity_mps=self._ground.update(sample))
+        to = sample._replace(time_s=sample.time_s - self._origin_s, velocity_mps=velocity)
         if tracker.complete and not tracker.end_uncertain:
             return None, ()
         if not tracker.complete and sample.soc is not None and sample.soc <= 0:
@@ -213,26 +212,14 @@ class LiveFlight:
 
         `to` is the sample at the time of the flight, with its ground velocity.
         """
-        tracker, before, time_s = self._tracker, self._decision, to.time_s
+        tracker, flight, before, time_s = self._tracker, self._flight, self._flight.decision, to.time_s
         if sample.flies_mission is not False:
             tracker.flies_mission = bool(sample.flies_mission)
         # the charge measured, else the one known; and the parameters reported: NaN is one on its way to the aircraft
-        known_soc = self._flight.state.soc if self._flight is not None else self._last[1]
-        soc = known_soc if sample.soc is None else sample.soc
-        reported = self._mission.plan.by_name(sample.parameters)
-        in_force = {name: value for name, value in reported.items() if not math.isnan(value)}
-        # where the flight is in its plan: found from the middle of a flight, or followed
-        acquisition = None if sample.flies_mission is False else tracker.acquisition
-        acquiring = acquisition is not None and self._acquire(acquisition, to, in_force)
-        flight = self._flight
-        if flight is None:
-            return self._advise_unknown(sample, time_s)
+        soc = flight.state.soc if sample.soc is None else sample.soc
         self._climbs.update(sample, _altitude_m(self._mission, tracker.executor.stage))
-        if acquiring:
-            position = tracker.located[1]
-        else:
-            position = self._track(flight, to, soc)
-            tracker.put_in_force(reported, time_s, position, flight.planner.hold)
+        position = self._track(flight, to, soc)
+        tracker.put_in_force(self._mission.plan.by_name(sample.parameters), time_s, position, flight.planner.hold)
         # whether the plan has ended; `ends` is None where that has not changed
         step_s, self._last = time_s - self._last[0], (time_s, soc)
         was_complete, ends = tracker.complete, tracker.update_end(to, position, step_s)
@@ -277,49 +264,24 @@ class LiveFlight:
         self._climbs = InitialClimb(sample, mission.cruise_mps, _altitude_m(mission, mission.plan.stages[0]))
         if self._climbs.from_ground:
             mission = self._mission = replace(mission, altitude_m=sample.altitude_m or 0.0)
+        # the flight is in the middle of its plan: it has the parameters that it reports, and reports its stage
+        within = sample.stage not in (None, 1) or (sample.stages_started or 1) > 1
+        if within:
+            reported = {name: v for name, v in mission.plan.by_name(sample.parameters).items() if not math.isnan(v)}
+            values = zip(mission.plan.names, mission.parameters, strict=True)
+            mission = replace(mission, parameters=tuple([reported.get(name, value) for name, value in values]))
         time_s = min(0.0, elapsed_s)
-        self._tracker = PlanTracker(mission, start, time_s, self._messages)
+        self._tracker = PlanTracker(mission, mission.start_m or start if within else start, time_s, self._messages)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
         self._started = True
-        # the flight is in the middle of its plan, by its position or by the stage that it reports
-        if away or sample.stage not in (None, 1) or (sample.stages_started or 1) > 1:
-            self._tracker.acquire_from(mission.start_m or start)
+        if within:
+            self._tracker.begin_within(sample._replace(time_s=elapsed_s))
         else:
-            self._take_off(start)
-
-    def _take_off(self, start_m: Point) -> None:
-        """Plan from the start of the plan, at a position [m], with the parameters of take-off."""
-        self._plan_with(self._mission.parameters, start_m)
-        self._messages.reasons.append(TAKE_OFF)
-
-    def _plan_with(self, parameters: Vector, start_m: Point) -> None:
-        """Make the flight with its planner, which begins with parameters and at a position [m]."""
-        mission = replace(self._mission, parameters=parameters, start_m=start_m, live=True, clock_s=self._origin_s)
+            self._messages.reasons.append(TAKE_OFF)
+            self._tracker.guessed = away
+        joined_m = self._tracker.executor.joined_m
+        mission = replace(mission, start_m=joined_m, live=True, clock_s=self._origin_s)
         self._flight, self._held = self._make(mission), self._make_forecast(mission)
-
-    def _acquire(self, acquisition: Acquisition, to: Sample, parameters: Mapping[str, float]) -> bool:
-        """Update the acquisition of stage and lap with a sample; return False where the flight has only just started.
-
-        `parameters` are those reported, by name. Planning starts once the stage is found; path parameters are held
-        until the lap is found, too.
-        """
-        plan, tracker = self._mission.plan, self._tracker
-        acquisition.update(to, {plan.names.index(name): v for name, v in parameters.items() if name in plan.names})
-        if acquisition.is_start:
-            tracker.acquisition = None
-            self._take_off(tracker.executor.joined_m)
-            return False
-        # the path parameters that the likeliest hypothesis flies with, or is about to
-        best, rho = acquisition.hypotheses[0], plan.path_count
-        path = best.executor.cursor.waiting[:rho]
-        if acquisition.stage_found and self._flight is None:
-            self._last = (to.time_s, self._last[1])
-            self._plan_with((*path, *best.executor.parameters[rho:]), best.executor.joined_m)
-        decided = (*path, *self._decision.parameters[rho:])
-        if self._flight is not None:
-            self._flight.keep(decided, {} if acquisition.settled else dict(enumerate(path)))
-        tracker.place(best, to, decided, settled=acquisition.settled)
-        return True
 
     def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:
         """Advance through the plan to a sample; return the position at it, see `PlanTracker.track`.
@@ -334,7 +296,7 @@ class LiveFlight:
             at_start = Sample(max(time_s, last_s), position, power_w=None, soc=None)
             self._update_planner(flight, self._observation(at_start, position, last_soc + part * (soc - last_soc)))
 
-        return self._tracker.track(to, last_s, flight.state.wind_mps, started)
+        return self._tracker.track(to, flight.state.wind_mps, started)
 
     def _update_departure(self, to: Sample) -> None:
         """Update whether the plan is flown, and where it is taken up again, with a sample that is tracked."""
@@ -346,7 +308,7 @@ class LiveFlight:
         if self._climbs.on_plan:
             self._departure.update(to, executor.cursor.airspeed_mps or cruise_mps, mismatch)
         if self._departure.away_s > BY_HAND_S:
-            tracker.locator.through_gap = True
+            tracker.through_gap = True
         back = bool(to.flies_mission) and was_away
         self._departure.rejoins = (self._departure.rejoins or back) and (tracker.is_behind or mismatch > FAR)
 
@@ -354,16 +316,11 @@ class LiveFlight:
         """A sample as an observation, see `PlanTracker.observation`."""
         return self._tracker.observation(to, position, soc)._replace(
             on_plan=self._climbs.on_plan and not self._departure.away,
-            returns_home=to.returns_home or self._decision.returns_home,
+            returns_home=to.returns_home or self._flight.decision.returns_home,
             rejoins_at_start=self._tracker.is_behind if self._departure.rejoins else None,
         )
 
     # --- the planner
-
-    @property
-    def _decision(self) -> Decision:
-        """The last decision; the parameters of take-off before the first."""
-        return Decision(self._mission.parameters) if self._flight is None else self._flight.decision
 
     def _update_planner(self, flight: PlannedFlight, observation: Observation) -> None:
         """Update the planner with an observation, and the plan with its decision; not once the plan is complete."""
@@ -428,13 +385,6 @@ class LiveFlight:
             return self._held.at(state.known(state.now.time_s, state.now.position_m), parameters)
         return None
 
-    def _advise_unknown(self, sample: Sample, time_s: float) -> Advice | None:
-        """Advice, when it is due, that the parameters stay: stage and lap are not known yet."""
-        if not self._schedule.is_due(time_s):
-            return None
-        self._schedule.give(time_s)
-        return self._advice(sample, SEARCHED, sample.wind_mps, Ending())
-
     def _advise_empty(self, sample: Sample) -> Advice | None:
         """Advice that the battery is empty by its gauge, once; None after it, until charge is measured again."""
         self.forecast_completes = False
@@ -458,8 +408,8 @@ class LiveFlight:
             wind_mps=wind_mps,
             reason=reason,
             warnings=self._warnings(sample),
-            returns_home=self._decision.returns_home,
-            airspeed_mps=executor.cursor.airspeed_mps if self._decision.airspeeds_mps else None,
+            returns_home=self._flight.decision.returns_home,
+            airspeed_mps=executor.cursor.airspeed_mps if self._flight.decision.airspeeds_mps else None,
         )
 
     def _warnings(self, sample: Sample) -> tuple[str, ...]:
@@ -472,7 +422,7 @@ class LiveFlight:
         return (
             *sample.warnings,
             *(code for code, holds in applies.items() if holds),
-            *(() if self._flight is None else self._flight.state.warnings),
+            *self._flight.state.warnings,
         )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
-from eadp.live.locator import ALIKE, GAP_S, GAP_STEPS, INDEPENDENT_S, MAX_STDS, path_mismatch
+from eadp.live.locator import GAP_S, GAP_STEPS, MAX_STDS, path_mismatch
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
@@ -254,6 +254,13 @@ def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None
         if beyond_m < MARGIN_M:
             return False
     return True
+
+
+ALIKE = 7.0
+"""Log odds from which on it is known whether a flight goes on: 1 to 1,000."""
+
+INDEPENDENT_S = 4.0
+"""Time between positions that are independent evidence [s]."""
 
 
 class Continuation:

@@ -17,8 +17,8 @@ from eadp.exchange.autopilot import read_parameters, speed_limits, stated_parame
 from eadp.exchange.writer import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.text.options import Flag
 from eadp.live.autopilot import ACCEPTED, CRITICAL, CommandedAirspeed, HeardAutopilot, Pilot
-from eadp.live.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
-from eadp.live.messages import LINE_S, TIMED, WANTED, LineMaker, ParameterCheck, values_of
+from eadp.live.mavlink import COMPONENT, Link, Message, require_pymavlink, tlog_messages
+from eadp.live.messages import WANTED, LineMaker, ParameterCheck, values_of
 from eadp.live.mission import PROTOCOL, HeldMission, Holds, Mapped, Noted, Outgoing, Output, Warned
 from eadp.live.recorded import MISSION, TLOG, form_of, log_values
 from eadp.live.replanner import DECIDES_AIRSPEED, START, TELEMETRY, Emit, ReplanLog, Replanner, Warn
@@ -54,9 +54,6 @@ class LinkOptions:
 
     command_airspeed: bool = False
     """Decide the airspeed within the aircraft's range, and command it while the mission is flown."""
-
-    signing_key: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Passphrase of MAVLink's signatures: others' messages are ignored, ours signed."""
 
 
 @dataclass
@@ -202,10 +199,7 @@ class LinkFlight:
             begins = first or lost or (values["armed"] and not autopilot.armed)
             self._take_heartbeat(values, first=first)
         if message.kind == "MISSION_CURRENT":
-            autopilot.judge(values["valid"], now_s)
             self._count_items(values["item_count"], now_s)
-        if values.get("said") is not None:
-            autopilot.read_text(values["said"], now_s)
         if self._check is not None and values.get("parameter") is not None:
             name, *number = values["parameter"]
             if (value := self._check.take(name, *number)) is not None:
@@ -266,15 +260,6 @@ class LinkFlight:
             if not (same and self._lines.flown):  # in flight as many items may be those of another mission
                 self._follow_map(same=same)
 
-    def lost(self, damaged: int, refused: int, left_out: int) -> None:
-        """Warn of lost messages, by their numbers: damaged frames, frames not signed, positions that came too fast."""
-        if damaged:
-            self._pilot.say("damaged frames are ignored")
-        if refused:
-            self._pilot.say("messages without the signature of --signing-key are ignored")
-        if left_out:
-            self._pilot.say(f"positions come faster than {SHARE:.0%} of a core can take: some are left out")
-
     def update(self, values: Mapping[str, Any]) -> None:
         """Take what a message, or a row of a log, says, and re-plan with the lines that are due."""
         if MISSION in values:
@@ -333,11 +318,7 @@ class LinkFlight:
                 case Noted(text):
                     self._pilot.note(text)
                 case Holds(items):
-                    holds = f"the autopilot holds the mission of --items: {items} items"
-                    if refusal := self._autopilot.refusal:
-                        self._pilot.tell(f"{holds}, and refuses it: {refusal}")
-                    else:
-                        self._pilot.note(holds)
+                    self._pilot.note(f"the autopilot holds the mission of --items: {items} items")
                 case Mapped(mapped):
                     self._map(mapped)
 
@@ -393,10 +374,9 @@ def fly(
     Raises
     ------
     InputError
-        If the address cannot be opened, or the key not be read.
+        If the address cannot be opened.
     """
     require_pymavlink("--mavlink", address)
-    key = None if options.signing_key is None else read_key(options.signing_key)
     opened: list[Link] = []  # the link, once it is open: a fault of the flight's files is found before
 
     def send(*message: Any) -> None:
@@ -405,16 +385,12 @@ def fly(
             link.send(*message)
 
     flight = LinkFlight(inputs, address, options, log, emit, warn, send)
-    link, throttle, left_out = Link(address, WANTED, key), Throttle(LINE_S), 0
+    link = Link(address, WANTED)
     opened.append(link)
     try:
         while not flight.over:
             for message in link.receive(WAIT_S):
-                if message.kind not in TIMED or throttle.passes():
-                    flight.take(message, time.monotonic())
-                else:
-                    left_out += 1
-            flight.lost(link.damaged, link.refused, left_out)
+                flight.take(message, time.monotonic())
             flight.tick(time.monotonic())
     finally:
         link.close()

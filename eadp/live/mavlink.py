@@ -7,7 +7,6 @@ which has the common messages as well.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import importlib.util
 import math
 import os
@@ -19,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from eadp.errors import InputError, printable
-from eadp.io.text.streams import MARKS, TLOG_HEAD, read_text
+from eadp.io.text.streams import MARKS, TLOG_HEAD
 
 COMPONENT = 191
 """MAVLink's number of a companion computer."""
@@ -31,15 +30,10 @@ CLIENT_S = 10.0
 MARK = re.compile(b"[%b]" % bytes(MARKS))
 SIGNED_BYTES = 13
 """Bytes of a signature, at the end of a frame."""
-SIGNING_EPOCH_S, SIGNING_HZ = 1_420_070_400, 100_000
-"""Signatures count in units of 10 µs from the start of 2015."""
 CHUNK_BYTES = 2048
 """Most of a datagram that is read: a frame has 280 bytes at most, and a datagram as many as fit the link."""
 READING_SHARE, BATCH_S = 0.02, 1e-3
 """Share of a core that reading takes at most, however much is sent, and about how long it works in one go [s]."""
-SHARE, SAVED_S = 0.05, 1.0
-"""Share of a core that reading and planning may take, unless a flight as fast as the clock takes more; and the most of
-a core's time that is saved up [s], see `Throttle`."""
 MAX_SENDERS = 8
 """Most addresses that are written to: each that sends to a port that listens is one."""
 
@@ -62,16 +56,9 @@ class Codec:
         Names of the messages to decode; others are passed over by their numbers.
     stream : bool
         Whether a frame may arrive in parts; else each part is a datagram of whole frames.
-    key : bytes, optional
-        Secret of 32 bytes: frames that are not signed with it are refused, and what is encoded is signed.
-
-    Attributes
-    ----------
-    damaged : int
-        Number of frames that could not be decoded.
     """
 
-    def __init__(self, wanted: frozenset[str], *, stream: bool = False, key: bytes | None = None) -> None:
+    def __init__(self, wanted: frozenset[str], *, stream: bool = False) -> None:
         from pymavlink.dialects.v20 import ardupilotmega
 
         self._dialect, self._stream = ardupilotmega, stream
@@ -79,16 +66,6 @@ class Codec:
         known = ardupilotmega.mavlink_map.items()
         self._wanted = frozenset(number for number, message in known if message.msgname in wanted)
         self._rest = b""
-        self.damaged = 0
-        self._signing = self._mav.signing
-        self._signing.secret_key, self._signing.sign_outgoing = key, key is not None
-        self._signing.allow_unsigned_callback = lambda *_: False  # no frame passes unsigned
-        self._signing.timestamp = round(max(time.time() - SIGNING_EPOCH_S, 0.0) * SIGNING_HZ)
-
-    @property
-    def refused(self) -> int:
-        """Number of frames without a signature that is asked for."""
-        return int(self._signing.reject_count)
 
     def decoded(self, data: bytes) -> Iterator[Message]:
         """The messages wanted among bytes that have come.
@@ -116,15 +93,11 @@ class Codec:
             start += size
 
     def _message(self, frame: bytes) -> Message | None:
-        """The message of a frame; None where the frame is damaged or refused, which is counted."""
-        refused_before, times = self.refused, dict(self._signing.stream_timestamps)
+        """The message of a frame; None where the frame is damaged."""
         try:
             decoded = self._mav.decode(bytearray(frame))
             fields = {name: getattr(decoded, name) for name in decoded.get_fieldnames()}
         except Exception:  # pymavlink trusts what a frame says of itself
-            if self.refused == refused_before:  # pymavlink counts those that it refuses
-                self.damaged += 1
-            self._signing.stream_timestamps = times  # a forged time does not lock out the frames that are signed
             return None
         return Message(decoded.get_type(), decoded.get_srcSystem(), decoded.get_srcComponent(), fields)
 
@@ -161,31 +134,6 @@ def require_pymavlink(option: str, value: str) -> None:
         raise InputError.at(option, 1, 1, "pymavlink is missing", "pip install 'eadp[mavlink]'", value)
 
 
-class Throttle:
-    """Lets pieces of work through: at any rate while this thread takes `SHARE` of a core at most, else one an interval.
-
-    Parameters
-    ----------
-    interval_s : float
-        Time after which work is let through whatever it takes: the rate at which an aircraft flies [s].
-    """
-
-    def __init__(self, interval_s: float) -> None:
-        self._interval_s, self._passed_s = interval_s, -math.inf
-        self._left_s, self._looked_s, self._worked_s = SAVED_S, time.monotonic(), time.thread_time()
-
-    def passes(self) -> bool:
-        """Whether a piece of work is let through now."""
-        # the core's time that is saved up grows by SHARE of the time that passes, and falls by what this thread works
-        now_s, worked_s = time.monotonic(), time.thread_time()
-        self._left_s = min(self._left_s + SHARE * (now_s - self._looked_s), SAVED_S) - (worked_s - self._worked_s)
-        self._looked_s, self._worked_s = now_s, worked_s
-        if self._left_s < 0 and now_s - self._passed_s < self._interval_s:
-            return False
-        self._passed_s = now_s
-        return True
-
-
 class Link:
     """An open address.
 
@@ -196,8 +144,6 @@ class Link:
         in `/dev/ttyACM0,57600`.
     wanted : set of str
         Names of the messages to receive.
-    key : bytes, optional
-        Of signatures, see `Codec`.
 
     Raises
     ------
@@ -205,9 +151,9 @@ class Link:
         If it is no such address, or cannot be opened.
     """
 
-    def __init__(self, address: str, wanted: frozenset[str], key: bytes | None = None) -> None:
+    def __init__(self, address: str, wanted: frozenset[str]) -> None:
         require_pymavlink("--mavlink", address)
-        self._codec = Codec(wanted, stream=not address.startswith("udp"), key=key)
+        self._codec = Codec(wanted, stream=not address.startswith("udp"))
         self._pause_to_s = 0.0
         self._senders: set[Any] = set()
         given = _checked(address)
@@ -219,16 +165,6 @@ class Link:
         except Exception as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise _fault(address, f"cannot be opened: {printable(reason)}") from None
-
-    @property
-    def damaged(self) -> int:
-        """Number of frames that could not be decoded."""
-        return self._codec.damaged
-
-    @property
-    def refused(self) -> int:
-        """Number of frames without a signature that is asked for."""
-        return self._codec.refused
 
     def receive(self, timeout_s: float) -> list[Message]:
         """The messages that come within a time [s], from the first on as many as `BATCH_S` of work reads.
@@ -293,20 +229,6 @@ def _fault(address: str, message: str) -> InputError:
     """The error of an address that is none, or cannot be opened."""
     expected = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or /dev/tty…,BAUD"
     return InputError.at("--mavlink", 1, 1, message, expected, address)
-
-
-def read_key(path: str) -> bytes:
-    """The key of signatures: the SHA-256 of the passphrase in the first line of a file, as ground stations make it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or its first line is empty.
-    """
-    passphrase = read_text(path).body.partition("\n")[0].strip()
-    if not passphrase:
-        raise InputError.at(path, 1, 1, "is empty", "the passphrase of the ground station")
-    return hashlib.sha256(passphrase.encode()).digest()
 
 
 def tlog_messages(data: bytes, wanted: frozenset[str]) -> Iterator[Message]:

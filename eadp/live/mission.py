@@ -75,7 +75,7 @@ class MissionClient:
         self._due_s, self._tries = 0.0, 0  # when the request is repeated [s], and how often it was sent
         self._received: list[MissionItem] | None = None  # while reading, else None: the items that have come
         self._count: int | None = None  # while reading: how many items there are; None before the autopilot says it
-        self._sent: dict[int, MissionItem] | None = None  # while writing, else None: the items by number
+        self._sent: list[MissionItem] | None = None  # while writing, else None: the items
 
     @property
     def busy(self) -> bool:
@@ -87,13 +87,10 @@ class MissionClient:
         self._received, self._count, self._sent = [], None, None
         self._ask(now_s, "MISSION_REQUEST_LIST", {})
 
-    def upload(self, now_s: float, items: Sequence[MissionItem], first: int, *, partial: bool) -> None:
-        """Begin to write a mission, or with `partial` its items from the `first` on."""
-        self._received, self._sent = None, dict(enumerate(items))
-        if partial:
-            self._ask(now_s, "MISSION_WRITE_PARTIAL_LIST", {"start_index": first, "end_index": len(items) - 1})
-        else:
-            self._ask(now_s, "MISSION_COUNT", {"count": len(items)})
+    def upload(self, now_s: float, items: Sequence[MissionItem]) -> None:
+        """Begin to write a mission."""
+        self._received, self._sent = None, list(items)
+        self._ask(now_s, "MISSION_COUNT", {"count": len(items)})
 
     def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> Received | Sent | None:
         """Take a message of the protocol that has come for this computer; return the end of a transfer, if it ends.
@@ -105,10 +102,10 @@ class MissionClient:
         if self._sent is None:
             return None
         if kind in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
-            if fields["seq"] in self._sent:
+            if fields["seq"] < len(self._sent):
                 self._ask(now_s, "MISSION_ITEM_INT", _fields(fields["seq"], self._sent[fields["seq"]]))
         elif kind == "MISSION_ACK" and fields["type"] != INVALID_SEQUENCE:
-            last = self._request.fields.get("seq") == max(self._sent)
+            last = self._request.fields.get("seq") == len(self._sent) - 1
             return self._end(accepted=last and fields["type"] == ACCEPTED)
         return None
 
@@ -338,14 +335,11 @@ class _Upload(NamedTuple):
         Its map, home aside.
     decided : tuple of float
         The path parameters that it has.
-    partial : bool
-        Whether only the items after those that stay are sent.
     """
 
     items: list[MissionItem]
     mission: list[MappedItem]
     decided: tuple[float, ...]
-    partial: bool
 
 
 class _ItemFlown:
@@ -425,7 +419,6 @@ class HeldMission:
         self._held: list[MissionItem] | None = None
         """The items as read, home included where the autopilot has one; None where the mission is of neither map."""
         self._upload: _Upload | None = None
-        self._takes_parts = True  # until the autopilot has refused a partial upload
         self._uploaded: tuple[float, ...] | None = None  # path parameters of the mission held, where it was uploaded
         self._count: int | None = None  # the number of items that the autopilot said last
         # when something is tried again in this state, and the time of the present event [s]
@@ -565,7 +558,6 @@ class HeldMission:
             self._hold(held, upload.mission, upload.decided)
             self._outputs.append(Noted(f"the rest of the mission is uploaded and verified: {new} items"))
         elif self._equal(held, before):
-            self._takes_parts = self._takes_parts and not upload.partial
             self._outputs.append(Mapped(self._items))
             self._refuse("new mission refused; the old one is kept")
         elif self._equal(held[new:], before[new : len(held)], home=False):
@@ -629,15 +621,12 @@ class HeldMission:
         except PathUndefined as error:
             self._refuse(f"the rest cannot be laid out; no upload: {error}")
             return
-        first = self._home + kept
-        items = [*self._held[:first], *(each.item for each in new)]
-        # ArduPilot takes a part of a mission, if the number of items stays
-        partial = self._takes_parts and self.ardupilot and len(items) == len(self._held) and bool(new)
+        items = [*self._held[: self._home + kept], *(each.item for each in new)]
         # the parameters laid out may be others than those decided: one that was held may be asked for anew meanwhile
         laid_out = planned.parameters[-1][: len(decided)]
-        self._upload = _Upload(items, [*self._items[:kept], *new], laid_out, partial)
+        self._upload = _Upload(items, [*self._items[:kept], *new], laid_out)
         self._go(State.UPLOADING)
-        self._client.upload(self._now_s, items, first, partial=partial)
+        self._client.upload(self._now_s, items)
 
     def _equal(self, held: Sequence[MissionItem], written: Sequence[MissionItem], *, home: bool = True) -> bool:
         """Whether items held are those written, in all numbers but those of home, which ArduPilot sets."""

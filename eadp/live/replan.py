@@ -14,7 +14,7 @@ from eadp.exchange.writer import read_items
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.options import Flag
 from eadp.live.link import LinkOptions, fly, replay_flight
-from eadp.live.replanner import DECIDES_AIRSPEED, ReplanLog, ValuesFile, described, hash_of, replan_lines
+from eadp.live.replanner import DECIDES_AIRSPEED, ReplanLog, ValuesFile, hash_of, replan_lines
 from eadp.live.telemetry import open_telemetry
 from eadp.models.plan.plan import Plan
 
@@ -118,9 +118,7 @@ def replan(
     with ExitStack() as stack:
         stream = None if options.linked else stack.enter_context(open_telemetry(options.telemetry))
         hashed = hash_of(inputs.sources, overrides)
-        about = described(inputs.mission, inputs.scenario.keys.reserve_soc)
-        if options.linked and not link.command_airspeed:
-            about[DECIDES_AIRSPEED] = False
+        about = {DECIDES_AIRSPEED: False} if options.linked and not link.command_airspeed else {}
         log = None if options.log is None else ReplanLog(options.log, hashed, about)
         if log is not None:
             stack.callback(log.close)

@@ -1,7 +1,7 @@
 """The planner on a stream of telemetry, line by line, with a log from which it resumes after a kill.
 
 The log has every sample read and every decision, one JSON object a line with a `kind`: `start`, with a hash of the
-inputs and what a page needs of them; `telemetry`; `decision`; `mission`, the stages of the items of a mission that was
+inputs; `telemetry`; `decision`; `mission`, the stages of the items of a mission that was
 uploaded.
 """
 
@@ -46,19 +46,6 @@ def hash_of(texts: Mapping[str, Any], overrides: Mapping[str, Any]) -> str:
     return "sha256:" + hashlib.sha256(whole.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def described(mission: Mission, reserve_soc: float) -> dict[str, Any]:
-    """What the first line has of a mission: its battery, and what people call the path parameters."""
-    battery = mission.battery
-    titled = [
-        {"name": each.name, "title": each.title, "unit": each.unit}
-        | ({} if each.stands_for is None else {"stands_for": each.stands_for.text})
-        for each in mission.plan.parameters
-        if each.title
-    ]
-    counted = {"soc": battery.soc, "soc_per_ah": 3600 * battery.drain_per_as, "reserve_soc": reserve_soc}
-    return counted | {"parameters": titled}
-
-
 def telemetry_lines(stream: BinaryIO, name: str) -> Iterator[tuple[int, bytes]]:
     """As `numbered_lines`; of a log the lines of telemetry alone, as they came."""
     for number, raw in numbered_lines(stream, name):
@@ -82,7 +69,7 @@ class ReplanLog:
     inputs : str
         As `hash_of` gives it.
     about : mapping, optional
-        As `described` gives it.
+        More keys of its first line.
 
     Attributes
     ----------

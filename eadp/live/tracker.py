@@ -7,15 +7,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from eadp.core.geometry.curves import Point
-from eadp.errors import EadpError, printable
+from eadp.errors import EadpError, PathUndefined, printable
 from eadp.live.gate import AppliedParameters, Continuation, Notice, is_certain
-from eadp.live.locator import GAP_S, GAP_STEPS, Acquisition, Hypothesis, Locator
+from eadp.live.locator import (
+    GAP_S,
+    GAP_STEPS,
+    MAX_STDS,
+    best_match,
+    legs_ahead,
+    line_between,
+    time_std_s,
+)
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.route import RoutePredictor
 from eadp.planning.base import Mission, Observation, Sample
 
 MAX_NOTICES = 100
-FOUND = "stage and lap are found"
 GOES_ON = "the flight goes on after the final point"
 UNCERTAIN_END = "final point passed by less than the error of a position"
 
@@ -42,8 +50,16 @@ class Messages:
             self.notices.append(Notice(key, message, expected))
 
 
+Started = Callable[[float, Point, float], None]
+"""Called at each start of a stage before a sample: its time [s], position [m] and share of the way to the sample."""
+
+
 class PlanTracker:
     """Where a flight is in its plan, and which parameters are in force.
+
+    A stage that is reported has precedence. Else the plan's triggers along the straight line between two positions end
+    stages, as in a simulation; after a gap the flight is on the leg ahead that its position, course and time fit best,
+    and on the stage of that line where none fits.
 
     Parameters
     ----------
@@ -57,15 +73,19 @@ class PlanTracker:
 
     Attributes
     ----------
-    acquisition : Acquisition or None
-        Finds stage and lap where telemetry begins in the middle of the flight, until they are found.
+    executor : PlanExecutor
+        The flight through the plan.
+    stage_started_s : float
+        When its stage started [s].
+    through_gap : bool
+        Whether the start of the stage, or the end of the one before, may have been in a gap.
+    guessed : bool
+        Whether the stage is the likeliest one alone: after a gap, or in the middle of a flight, until the next starts.
     applied : AppliedParameters
     complete : bool
         Whether the plan is complete.
-    locator : Locator
-        Has the hypotheses of where the flight is.
     lost : bool
-        Whether the plan cannot be followed any more, for good; `locator.lost` is until the flight is found again.
+        Whether the plan cannot be followed any more, for good.
     located : (float, (float, float))
         Time of the last known position [s], and that position [m].
     flies_mission : bool
@@ -76,20 +96,15 @@ class PlanTracker:
 
     def __init__(self, mission: Mission, start_m: Point, time_s: float, messages: Messages) -> None:
         self._mission, self._messages = mission, messages
-        executor = PlanExecutor(mission.plan, mission.parameters, start_m, mission.rules)
-        self.locator = Locator(executor, mission.cruise_mps, time_s)
+        self.executor = PlanExecutor(mission.plan, mission.parameters, start_m, mission.rules)
+        self.stage_started_s = time_s
         self.applied = AppliedParameters(mission.parameters, mission.plan)
         self.located: tuple[float, Point] = (time_s, start_m)
         self._last_step_s = 0.0
-        self.acquisition: Acquisition | None = None
         self._continuation: Continuation | None = None
         self._past_stage: int | None = None  # the stage behind that was reported last: one notice for each
         self.lost = self.complete = self.flies_mission = self.is_behind = False
-
-    @property
-    def executor(self) -> PlanExecutor:
-        """The flight through the plan."""
-        return self.locator.executor
+        self.through_gap = self.guessed = self._blind = False
 
     @property
     def end_uncertain(self) -> bool:
@@ -99,81 +114,126 @@ class PlanTracker:
     @property
     def stage_unknown(self) -> bool:
         """Whether the stage is not certain."""
-        undecided = self.acquisition is not None or (self.end_uncertain and not self.complete)
-        return self.lost or self.locator.uncertain or undecided
+        return self.lost or self.guessed or self._blind or (self.end_uncertain and not self.complete)
 
     def observation(self, sample: Sample, position: Point, soc: float) -> Observation:
         """A sample, and where the flight is in its plan, as an observation.
 
         `position` [m] and `soc` stand for those of the sample, which may not have measured them.
         """
-        executor, gap = self.executor, self.locator.through_gap
+        executor = self.executor
         at = sample._replace(position_m=position, flies_mission=self.flies_mission)
-        return Observation(at, soc, executor.cursor, executor.joined_m, executor.stages_started, gap)
+        return Observation(at, soc, executor.cursor, executor.joined_m, executor.stages_started, self.through_gap)
 
     # --- stage and lap
 
-    def acquire_from(self, start_m: Point) -> None:
-        """Find stage and lap of a flight that may have started there [m] long ago."""
-        self.acquisition = Acquisition(self.executor, start_m)
-
-    def place(self, found: Hypothesis, to: Sample, parameters: Vector, *, settled: bool) -> None:
-        """Track on from a hypothesis, with the parameters decided; `settled` if stage and lap are found."""
-        self.applied = AppliedParameters(parameters, self._mission.plan)
-        self.locator = Locator(found.executor, self._mission.cruise_mps, to.time_s, to.position_m)
-        self.locator.hypotheses, self.locator.through_gap = [found], True
+    def begin_within(self, to: Sample) -> None:
+        """Begin in the middle of the flight: on the reported stage, in the lap by its number or the position."""
         if to.position_m is not None:
-            self._last_step_s, self.located = to.time_s - self.located[0], (to.time_s, to.position_m)
-            self.locator.decide(self.applied.effective, to.position_m)
-        if settled:
-            self.acquisition = None
-            self._messages.reasons.append(FOUND)
-
-    def track(
-        self, to: Sample, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
-    ) -> Point:
-        """Find the flight's place in the plan; return the aircraft's position, as measured or as forecast [m].
-
-        In ordinary flight the plan is advanced along the straight line from the last sample, at `last_s` [s], and a
-        reported stage has precedence. `started` is called at each start of a stage before this sample, see
-        `Locator.follow`.
-        """
-        (located_s, last), position = self.located, to.position_m
-        step_s = to.time_s - located_s
-        gap = step_s > GAP_S and (position is None or step_s > GAP_STEPS * self._last_step_s)
-        if position is not None:
-            self.located, self._last_step_s = (to.time_s, position), step_s
-        if self.lost:
-            return position or last
+            self.located = to.time_s, to.position_m
         try:
-            if to.flies_mission is False and not (to.returns_home and self._may_end):
-                # whatever triggers are passed, the mission is taken up again on this stage
-                if position is not None:
-                    self.locator.wait(to.time_s, position)
-                return position or last
-            if gap or self.locator.lost:
-                sought = self._seek(to, last_s, wind_mps, started)
-                if sought is not None or position is None:
-                    return sought or last
-                # the plan cannot be laid out after the gap: it is followed straight across the gap, as below
-            elif position is None:
-                return last
-            self.locator.follow(to, 0 if to.flies_mission is False else self._take_report(to), started)
+            if not self._find(to, None, (0.0, 0.0)):
+                self._skip(to, self._take_report(to) or 0, to.time_s, lambda *_: None)
         except EadpError as error:
             self._lose(error)
-        assert position is not None
-        return position
+        self.through_gap, self.guessed = True, to.stages_started is None
 
-    def _seek(
-        self, to: Sample, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
-    ) -> Point | None:
-        """Find the flight again after a gap, see `Locator.seek`; `started` is called if it is on a later stage."""
-        before = self.executor.stages_started
-        position = self.locator.seek(to, wind_mps)
-        since_s = self.locator.hypotheses[0].stage_started_s
-        if position is not None and self.executor.stages_started != before and last_s < since_s < to.time_s:
-            started(since_s, self.executor.joined_m, 1.0)
-        return position
+    def track(self, to: Sample, wind_mps: Point, started: Started) -> Point:
+        """Find the flight's place in the plan; return the aircraft's position, the last known one without any [m].
+
+        `started` is called at each start of a stage before this sample.
+        """
+        before, position = self.located, to.position_m
+        last_s, last = before
+        step_s = to.time_s - last_s
+        gap = step_s > GAP_S and step_s > GAP_STEPS * self._last_step_s
+        self._blind = position is None and step_s > GAP_S
+        if position is not None:
+            self.located, self._last_step_s = (to.time_s, position), step_s
+        # whatever triggers are passed, a mission that is not flown is taken up again on this stage
+        waits = to.flies_mission is False and not (to.returns_home and self._may_end)
+        if self.lost or waits:
+            return position or last
+        try:
+            skips = 0 if to.flies_mission is False else self._take_report(to)
+            if position is None:
+                self._skip(to, skips or 0, last_s, started)
+            elif not (gap and skips is None and self._find(to, before, wind_mps)):
+                self._follow(to, line_between(last, position), skips, last_s, started)
+        except EadpError as error:
+            self._lose(error)
+        return position or last
+
+    def _follow(self, to: Sample, line: list[Point], skips: int | None, last_s: float, started: Started) -> None:
+        """Advance along a line, from `last_s` [s] on, by its triggers, or by a number of stages, at its end."""
+        for k, (x, y) in enumerate(line, 1):
+            share = k / len(line)
+            if skips is not None:
+                self.executor.stay(x, y)
+            elif self.executor.advance(x, y):
+                self._start(last_s + share * (to.time_s - last_s))
+                if k < len(line):
+                    started(self.stage_started_s, (x, y), share)
+            if self.executor.complete:
+                break
+        self._skip(to, skips or 0, last_s, started)
+
+    def _skip(self, to: Sample, skips: int, last_s: float, started: Started) -> None:
+        """Leave a number of stages, as reported, at the sample's position, or at their triggers where it has none."""
+        for k in range(1, skips + 1):
+            if self.executor.complete:
+                break
+            position = to.position_m or self.executor.trigger_m
+            self.executor.skip(position)
+            self._start(last_s + k / skips * (to.time_s - last_s))
+            self.through_gap |= skips != 1
+            # the last stage starts at `to`, which the caller observes itself
+            if k < skips and not self.executor.complete:
+                started(self.stage_started_s, position, 1.0)
+
+    def _start(self, time_s: float) -> None:
+        """Note that a stage starts at a time [s]."""
+        self.stage_started_s, self.through_gap, self.guessed = time_s, False, False
+
+    def _find(self, to: Sample, before: tuple[float, Point] | None, wind_mps: Point) -> bool:
+        """Put the flight on the leg ahead that a sample fits best, of the reported stage; return whether one does.
+
+        Legs are ahead of the time and place `before` a gap, or, with None, of the start of the plan, at any time.
+        """
+        if to.position_m is None:
+            return False
+        last_s, last = before or (self.stage_started_s, self.executor.joined_m)
+        elapsed_s = None if before is None else to.time_s - last_s
+        latest_s = math.inf if elapsed_s is None else elapsed_s + MAX_STDS * time_std_s(elapsed_s)
+        flown_s, flown = max(last_s - self.stage_started_s, 0.0), self.executor.stages_started
+        found = []
+        try:
+            for ahead in legs_ahead(self.executor, flown_s, last, self._mission.cruise_mps, wind_mps):
+                if ahead.start_s > latest_s:
+                    break
+                count = flown + ahead.legs_on
+                if to.stage in (None, ahead.leg.stage.index) and to.stages_started in (None, count):
+                    found.append(best_match(ahead, to, elapsed_s))
+        except PathUndefined:
+            return False
+        best = min((match for match in found if match is not None), key=lambda match: match.mismatch, default=None)
+        if best is None:
+            return False
+        ahead = best.ahead
+        joined = ahead.leg.start_m if ahead.legs_on else self.executor.joined_m
+        self.executor = self.executor.placed(ahead.cursor, joined, flown + ahead.legs_on, to.position_m, best.share)
+        self.stage_started_s = to.time_s - best.share * ahead.duration_s
+        self.through_gap = self.guessed = True
+        return True
+
+    def _leads(self, stages: int) -> bool:
+        """Whether the flight may be that many stages ahead: the plan has them. A negative number is behind: False."""
+        if stages < 2:  # behind; or this stage, or the one after it, which need no route
+            return stages >= 0
+        try:
+            return stages < len(RoutePredictor().route(self.executor.cursor, self.executor.joined_m).legs)
+        except PathUndefined:
+            return False
 
     @property
     def _may_end(self) -> bool:
@@ -190,7 +250,8 @@ class PlanTracker:
         self.is_behind = False
         if to.stages_started is not None:
             flown = self.executor.stages_started
-            if self.locator.leads(to.stages_started - flown):
+            if self._leads(to.stages_started - flown):
+                self.guessed = False
                 return to.stages_started - flown
             if to.flies_mission:
                 self.is_behind = True
@@ -245,7 +306,7 @@ class PlanTracker:
                 return None
             self._continuation = None
             if goes_on:
-                self.locator.through_gap |= self.complete
+                self.through_gap |= self.complete
                 self._messages.reasons.append(GOES_ON)
                 self._messages.notices.append(Notice("x_m", GOES_ON))
             self.complete = not goes_on
@@ -253,10 +314,14 @@ class PlanTracker:
         if not self.executor.complete:
             return None
         certain = is_certain(self.executor, position, to.course_rad)  # before the executor is moved past this end
-        has_more = self.locator.go_on()
-        self.complete = certain or not has_more
-        if has_more:
-            self._continuation = Continuation(self.executor)
+        try:
+            following = self.executor.past_end()
+        except PathUndefined:  # the next lap has no path
+            following = None
+        self.complete = certain or following is None
+        if following is not None:
+            self.executor = following
+            self._continuation = Continuation(following)
         if not self.complete:
             self._messages.reasons.append(UNCERTAIN_END)
         return True
@@ -268,7 +333,7 @@ class PlanTracker:
         self.applied.decide(parameters)
         if not self.lost:
             try:
-                self.locator.decide(self.applied.effective, position, airspeeds_mps)
+                self.executor.decide(self.applied.effective, position, airspeeds_mps)
             except EadpError as error:
                 self._lose(error)
 
@@ -295,7 +360,7 @@ class PlanTracker:
             for i in self.applied.update_apart(time_s, reported, expected):
                 values[i] = expected[i]
         try:
-            self.locator.take_in_force(values, position)
+            self.executor.take_in_force(values, position)
             if self.applied.update(time_s, reported, expected) or any(released):
                 self._hold(position, hold)
         except EadpError as error:
@@ -326,7 +391,7 @@ class PlanTracker:
         """
         held = self.applied.held
         hold(held)
-        self.locator.decide(self.applied.effective, position)
+        self.executor.decide(self.applied.effective, position)
         for i, value in held.items():
             item, asked = self._mission.plan.parameters[i], self.applied.asked[i]
             what = f"{item.label} = {item.text(asked)} is not applied: {item.text(value)} stays in force"

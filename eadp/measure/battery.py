@@ -231,27 +231,13 @@ def _charge_at_start(
     resting = abs(first_a) <= RESTING * float(np.max(current_a))
     if resting and is_full_at_rest(first_v, options.cells, curve_v):
         return 1.0, ""
-    cells = options.cells or 1
-    facts = [
-        f"the first voltage is {first_v:.2f} V {'at rest' if resting else f'under {first_a:.3g} A'}",
-        f"{f'a full {chemistry} cell has' if cells == 1 else f'{cells} full {chemistry} cells have'} "
-        f"{cells * curve_v[-1]:.2f} V at rest",
-    ]
-    if used_ah is not None:
-        of = "" if capacity_ah else " of a capacity that is not known (--capacity AH)"
-        to_mah = 1000 * (used_ah + stated.get("counted_ah", 0.0))
-        facts.append(
-            f"its count of the charge used starts at {1000 * used_ah:.0f} mAh{of} and ends at {to_mah:.0f} mAh"
-        )
-    if "capacity_ah" in stated:
-        facts.append(f"the autopilot's parameters state a capacity of {stated['capacity_ah']:g} Ah")
-    message = f"nothing shows the charge at the start of the log: {', '.join(facts)}"
+    of = f"{options.cells or 'of some number of'} full {chemistry} cells"
+    counted = "" if used_ah is None else f"; {1000 * used_ah:.0f} mAh were used before"
+    message = (
+        f"nothing shows the charge at the start of the log: the first voltage is {first_v:.2f} V "
+        f"{'at rest' if resting else f'under {first_a:.3g} A'}, not that of {of} at rest{counted}"
+    )
     expected = "--soc SHARE, which is 1 for a battery that was full"
-    if resting and options.cells is None:
-        expected += ", or --cells N, by which the voltage at rest tells it"
-    elif resting and options.cell_v and curve_v[0] <= first_v / cells <= curve_v[-1]:
-        share = np.interp(first_v / cells, curve_v, np.linspace(0, 1, len(curve_v)))
-        expected += f"; the voltage at rest of {options.chemistry} cells makes it {share:.2f}"
     raise InputError.at("--soc", 1, 1, message, expected)
 
 

@@ -29,7 +29,7 @@ class FitKind:
     """Fit the aircraft's power instead, from a log with airspeed; -o is a vehicle file."""
 
     base: Annotated[str, Flag(metavar="FILE")] = ""
-    """Vehicle file of what is known: mass, wing, avionics, for a drag polar."""
+    """Vehicle file of what is known: mass, avionics."""
 
     battery: bool = False
     """Fit the battery, instead or beside, from voltage and current."""

@@ -13,19 +13,15 @@ from scipy import fft
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals import output_row
-from eadp.errors import Fault, Infeasible, InputError, PathUndefined
+from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.energy import energy_document, energy_yaml
-from eadp.io.plan.sources import PlanReader
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.options import Flag
-from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
 from eadp.measure.noise import spikes
 from eadp.measure.power_log import Columns, PowerLog
 from eadp.measure.spectrum import MIN_PERIODS, Spectrum, analyse, vertex
 from eadp.models.energy import EnergyModel, Harmonic
-from eadp.models.plan.plan import Plan
-from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import Profile
 from eadp.plug_ins import plug_in
 
@@ -233,22 +229,12 @@ def _first_peak(correlation: FloatArray) -> float | None:
     return at + vertex(correlation, at)
 
 
-AIRSPEED_MPS = 15.0
-"""Default airspeed of a plan's lap: that of the papers' aircraft."""
-
-
 @dataclass(frozen=True)
 class FitOptions:
     """How a log's power is fitted."""
 
     period_prior_s: float | None = None
     """Search the period near this one [s], within a factor of 1.3."""
-
-    plan: Annotated[str, Flag(metavar="FILE")] = ""
-    """Search the period near the nominal time of this plan's lap."""
-
-    airspeed_mps: float | None = None
-    """Speed the plan's lap is flown at [m/s]; default 15 m/s."""
 
     order: Annotated[int | None, Flag(metavar="R", low=1)] = None
     """Number of harmonics; default: by cross-validation."""
@@ -263,15 +249,13 @@ class FitOptions:
     """Subtract the computations' power first: configurations are in the log, under the profile's names."""
 
     def check(self) -> None:
-        """Refuse times and speeds that cannot be; raises InputError."""
-        prior, speed = self.period_prior_s, self.airspeed_mps
+        """Refuse times that cannot be; raises InputError."""
+        prior = self.period_prior_s
         if prior is not None and not 0 < prior < math.inf:
             raise _refused("--period-prior", prior, "no period", "a number of seconds above 0")
         for option, seconds in (("--from", self.start_s), ("--to", self.end_s)):
             if seconds is not None and not 0 <= seconds < math.inf:
                 raise _refused(option, seconds, "no time of a log", "a number of seconds, 0 or more")
-        if speed is not None and not (0 < speed < math.inf and self.plan):
-            raise _refused("--airspeed", speed, "no speed of a plan's lap", "a speed above 0, beside --plan")
 
 
 def _refused(option: str, value: float, message: str, expected: str) -> InputError:
@@ -324,7 +308,6 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
     """
     options.check()
     profile, warnings = read_profile(options.profile) if options.profile else (None, [])
-    plan = PlanReader()(read_text(options.plan))[0] if options.plan else None
     log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
     warnings = [*log.warnings, *warnings]
     counts = dict(log.counts)
@@ -337,7 +320,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
             counts["no_configuration"] = int(np.count_nonzero(~known))
         log = _kept(log, np.flatnonzero(known))
         power_w = log.power_w - _computing_power_w(options.profile, profile, configurations[known])
-    prior_s, source = _prior(log, options, plan)
+    prior_s, source = _prior(log, options)
     try:
         fitted = _fit(log, power_w, options, prior_s, source)
     except Infeasible as error:
@@ -409,34 +392,12 @@ def _computing_power_w(path: str, profile: Profile, configurations: FloatArray) 
     return power[which.ravel()] if len(power) else np.zeros(len(configurations))
 
 
-def _prior(log: PowerLog, options: FitOptions, plan: Plan | None) -> tuple[float | None, str]:
+def _prior(log: PowerLog, options: FitOptions) -> tuple[float | None, str]:
     """The period to search near [s], and the source of it."""
     if options.period_prior_s is not None:
         return options.period_prior_s, "option"
-    if plan is not None:
-        return plan_lap_s(plan, options.plan, options.airspeed_mps or AIRSPEED_MPS), "plan"
     lap_s = None if log.position_m is None else lap_time_s(log.times_s, log.position_m)
     return lap_s, "" if lap_s is None else "position"
-
-
-def plan_lap_s(plan: Plan, name: str, airspeed_mps: float) -> float:
-    """The nominal time of a lap of a plan, parameters at their maximum [s].
-
-    Raises
-    ------
-    InputError
-        If the plan has no laps, or no path at these parameters.
-    """
-    parameters = [plan.hull(i).hi for i in range(len(plan.parameters))] if plan.has_sets else [0.0] * plan.path_count
-    try:
-        legs = nominal_legs(plan, parameters)
-    except PathUndefined as error:
-        raise InputError.at(name, 1, 1, f"the lap has no length: {error}") from None
-    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first may start anywhere
-    length_m = sum(leg.length_m for leg in legs if leg.lap == whole)
-    if legs[-1].lap == 0 or not 0 < length_m < math.inf:
-        raise InputError.at(name, 1, 1, "the plan has no laps", "a plan that repeats its stages, or --period-prior S")
-    return length_m / airspeed_mps
 
 
 def fit_power(

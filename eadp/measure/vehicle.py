@@ -110,11 +110,6 @@ class VehicleLogFit:
             )
         if fit.climb_w_per_mps is not None:
             lines.append(f"climb      {fit.climb_w_per_mps:.2f} ± {stds['climb_w_per_mps']:.2f} W more for each m/s")
-        lines += [
-            f"{key:<10} {self.airframe[key]} ± {std:.2g}"
-            for key, std in self.stds.items()
-            if self.airframe["model"] == FixedWing.model
-        ]
         lines.append(
             f"windows    {fit.windows}, {fit.idle} more with the motor idling; residuals {fit.rms_w:.2f} W rms, "
             f"correlated over {fit.correlation_s:.0f} s"
@@ -141,7 +136,7 @@ def fit_vehicle(
     log : path
         CSV with a header, PX4 ULog or ArduPilot DataFlash log.
     base : path, optional
-        Vehicle file of what is known: mass, wing, avionics, for a drag polar.
+        Vehicle file of what is known: mass, avionics.
     columns : Columns, optional
         The columns to read.
     start_s, end_s : float, optional
@@ -228,14 +223,7 @@ def _airframe(
     fit: PowerFit, wing: FixedWing | PowerCurve | None, max_w: float
 ) -> tuple[dict[str, Any], dict[str, float], list[str]]:
     """Keys of the airframe, their standard errors, and what could not be identified."""
-    if fit.polar and isinstance(wing, FixedWing):
-        polar, stds, why = _polar(fit, wing)
-        if not why:
-            given = {item.name: getattr(wing, item.name) for item in fields(wing)}
-            return {key: _rounded(value) for key, value in (given | polar).items() if value is not None}, stds, []
-        notes = [why]
-    else:
-        notes = ["mass, wing and lift: --base FILE names what is known of the aircraft"] if wing is None else []
+    notes = ["mass: --base FILE names what is known of the aircraft"] if wing is None else []
     speeds = np.linspace(*fit.speeds_mps, POINTS).tolist() if fit.polar else [fit.airspeed_mps]
     points = [[_rounded(speed), _rounded(fit.level_power_w(speed))] for speed in speeds]
     min_w = min(watts for _, watts in points)
@@ -257,7 +245,10 @@ def _airframe(
             notes.append(f"mass and efficiency apart: the climb gives their ratio, for {ASSUMED_EFFICIENCY:g}")
     if wing is not None and fit.climb_w_per_mps is not None:
         # k = m g/η
-        curve["propulsive_efficiency"] = min(1.0, wing.mass_kg * GRAVITY_MPS2 / fit.climb_w_per_mps)
+        efficiency = wing.mass_kg * GRAVITY_MPS2 / fit.climb_w_per_mps
+        curve["propulsive_efficiency"] = min(1.0, efficiency)
+        if efficiency > 1:
+            notes.append(f"efficiency: it would be {efficiency:.3g}; the mass of --base is not the log's")
     curve["airspeed_mps"] = fit.airspeed_mps
     order = [item.name for item in fields(PowerCurve)]
     return {key: _rounded(curve[key]) for key in order if key in curve}, stds, notes
@@ -272,37 +263,6 @@ def _assumed_bank_w(fit: PowerFit, wing: FixedWing | PowerCurve | None) -> tuple
     bank_w = share * max(fit.level_power_w(fit.airspeed_mps) - max(fit.constant_w, 0.0), 0.0)
     whose = "--base" if wing else "the default wing"
     return bank_w, f"bank_w: assumed, {100 * share:.0f} % of the motor's power, the share of induced drag of {whose}"
-
-
-def _polar(fit: PowerFit, wing: FixedWing) -> tuple[dict[str, Any], dict[str, float], str]:
-    """Drag polar and efficiency of a wing whose mass and area are known, or why they cannot be."""
-    climb_w, relative = fit.climb_w_per_mps, 0.0
-    efficiency = wing.propulsive_efficiency
-    if climb_w is not None:
-        # k = W/η
-        efficiency, relative = wing.weight_n / climb_w, fit.stds["climb_w_per_mps"] / climb_w
-    speed, density_area = fit.airspeed_mps, wing.air_density_kgpm3 * wing.wing_area_m2
-    # A V³ = ½ρS C_D0 V³/η,  B/V = 2K W²/(ρSη V)
-    parasitic = 2 * fit.parasitic_w * efficiency / (density_area * speed**3)
-    factor = fit.induced_w * efficiency * density_area * speed / (2 * wing.weight_n**2)
-    oswald = 1 / (math.pi * factor * wing.aspect_ratio) if factor > 0 else math.inf
-    keys = {
-        "zero_lift_drag_coefficient": parasitic,
-        "oswald_efficiency": oswald,
-        "propulsive_efficiency": efficiency,
-        "avionics_w": fit.constant_w,
-    }
-    for key, value, limit in (("propulsive_efficiency", efficiency, 1), ("oswald_efficiency", oswald, 1)):
-        if not 0 < value <= limit:
-            return {}, {}, f"the drag polar: {key} would be {value:.3g}; mass, area or span of --base are not the log's"
-    if parasitic <= 1e-4 or fit.constant_w < 0:
-        return {}, {}, "the drag polar: the power does not have its form"
-    stds = {
-        "zero_lift_drag_coefficient": parasitic * math.hypot(fit.stds["parasitic_w"] / fit.parasitic_w, relative),
-        "oswald_efficiency": oswald * math.hypot(fit.stds["induced_w"] / fit.induced_w, relative),
-        "propulsive_efficiency": efficiency * relative,
-    }
-    return keys, stds | ({"avionics_w": fit.stds["constant_w"]} if "constant_w" in fit.stds else {}), ""
 
 
 def _rounded(value: Any) -> Any:

@@ -26,7 +26,7 @@ class ReportOptions:
 def command(
     result: Annotated[
         str,
-        Argument(metavar="RESULT", help="Folder of eadp simulate, results of eadp sweep, or log of eadp replan."),
+        Argument(metavar="RESULT", help="Folder of eadp simulate, or results of eadp sweep."),
     ],
     options: ReportOptions,
 ) -> int:

@@ -1,4 +1,4 @@
-"""A result as its HTML page: a flight's folder, the log of a flight on telemetry, a sweep."""
+"""A result as its HTML page: a flight's folder, a sweep."""
 
 from __future__ import annotations
 
@@ -29,7 +29,11 @@ def _data(path: Path, page: Path, keep: str | None) -> tuple[str, dict[str, Any]
     """The kind of a result's page, and its data."""
     faulty = path / SUMMARY if os.path.isdir(path) else path
     with _whole(str(faulty)):
-        source: PageSource = next(each for each in plug_ins("pages") if each.recognises(path))
+        source: PageSource | None = next((each for each in plug_ins("pages") if each.recognises(path)), None)
+        if source is None:
+            read_text(str(path))  # a file that is missing, or cannot be read, is said to be
+            expected = "a folder of eadp simulate -o DIR, or the results of eadp sweep -o FILE.db"
+            raise InputError.at(str(path), 1, 1, "is no result that has a page", expected)
         return source.kind, finished(source.data(path, page, keep))
 
 
@@ -51,7 +55,7 @@ def report(result: File, out: File | None = None, keep: File | None = None) -> s
     Parameters
     ----------
     result : path
-        A result folder, the results file of a sweep, or a log of `eadp replan`.
+        A result folder, or the results file of a sweep.
     out : path, optional
         By default `report.html` in the folder, or beside the file under its name; `-` is standard output.
     keep : path, optional

@@ -18,7 +18,7 @@ from eadp.exchange.writer import read_items
 from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.messages import ACTIVE, IN_AIR, finite
 from eadp.live.recorded import MISSION
-from eadp.live.replanner import ReplanLog, described, hash_of
+from eadp.live.replanner import ReplanLog, hash_of
 
 MISSION_MODES = {"AUTO": "ardupilot", "AUTO.MISSION": "px4"}
 RETURN_MODES, GUIDED_MODES = ("RTL", "SMART_RTL", "QRTL", "AUTO.RTL"), ("GUIDED", "OFFBOARD")
@@ -56,13 +56,12 @@ class Core:
         warn: Callable[[str], None],
     ) -> None:
         inputs, items = load_flight(given["plan"], scenario=given["scenario"]), given.get("items") or None
-        mission, plan = inputs.mission, inputs.mission.plan
+        plan = inputs.mission.plan
         self._items = None if items is None else read_items(items, plan.names[: plan.path_count])
         of_plan = plan.parameters[plan.path_count :]
         self._computations = {each.label if each.label.isidentifier() else each.name: each for each in of_plan}
         self._decided, self._rate, self._lock = decided, rate, Lock()
-        about = described(mission, inputs.scenario.keys.reserve_soc)
-        log = ReplanLog(given["log"], hash_of(inputs.sources, {}), about) if given.get("log") else None
+        log = ReplanLog(given["log"], hash_of(inputs.sources, {})) if given.get("log") else None
         options = LinkOptions(items=items)
         self._flight = LinkFlight(inputs, "ROS", options, log, self._emit, lambda fault: warn(str(fault)))
         self._altitude_m: float | None = None

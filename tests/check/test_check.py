@@ -32,9 +32,7 @@ def codes(report, severity=None):
 
 def test_the_appendix_as_corrected_is_sound():
     report = checked(APPENDIX_RIGHT)
-    # flown explicitly, a change of c1 between two stages leaves the second one elsewhere: said, as warnings
-    assert set(codes(report)) == {"rejoin"}
-    assert not report.has_errors
+    assert codes(report) == []
     assert report.valid
 
 
@@ -139,18 +137,6 @@ def test_validity_is_shown_by_a_parameter_value():
     assert not checked(text.replace("x - 40", "x - 140").replace("\n40, 500", "\n140, 500")).valid
 
 
-def test_a_change_of_parameters_that_makes_a_stage_impossible_to_join_is_a_warning():
-    text = "0.1; 90; x - c1\nc1, 200\n[0, 80]\n0.1; 90; 2*x - 2*c1\nc1, 500\n[0, 80]\n"
-    report = checked(text)
-    assert codes(report) == ["rejoin"]
-    assert "80.00 m" in report.findings[0].message
-    assert codes(checked(text.replace("[0, 80]", "[0, 15]"))) == []
-
-
-def test_parameters_that_cannot_change_do_not_make_a_stage_impossible_to_join():
-    assert codes(checked("0.1; 90; x\n30, 200\n[7, 7]\n0.1; 90; x - c1\n7, 500\n[7, 7]\n"), "warning") == []
-
-
 def test_what_is_found_by_value_against_a_proof_is_not_proven():
     found = check_plan(plan(broken(0, "0, 200", "5, 200")), proofs=[StageProof("0", "0", True)] * 3).findings
     assert [(item.formula, item.proven) for item in found] == [("", False)] * 2
@@ -159,14 +145,6 @@ def test_what_is_found_by_value_against_a_proof_is_not_proven():
 def test_sets_and_gains_that_look_odd():
     report = checked("0; 90; x\n0, 200\n[0.5, 2]\n")
     assert codes(report) == ["set-not-whole", "no-gain"]
-
-
-def test_a_nearly_whole_turn_is_a_warning():
-    lines = ["0.1; 90; x\n0, 200\n", "0.006; 90; (x+75)^2+(y-200)^2-75^2\n{}\n"]
-    angle = math.radians(-5)
-    behind = f"{-75 + 75 * math.cos(angle)!r}, {200 + 75 * math.sin(angle)!r}"
-    assert codes(checked("".join(lines).format(behind))) == ["nearly-whole-turn"]
-    assert codes(checked("".join(lines).format("0, 200"))) == [], "a whole turn is meant"
 
 
 def test_curves_have_a_curvature():

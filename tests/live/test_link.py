@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import itertools
 import json
 import random
@@ -33,15 +32,12 @@ from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.mavlink import (
     MAX_SENDERS,
     READING_SHARE,
-    SAVED_S,
     Codec,
     Link,
     Message,
-    Throttle,
-    read_key,
     tlog_messages,
 )
-from eadp.live.messages import LINE_S, STALE_S, WANTED, LineMaker, ParameterCheck, values_of
+from eadp.live.messages import STALE_S, WANTED, LineMaker, ParameterCheck, values_of
 from eadp.live.telemetry import TelemetryReader, json_line
 
 SCENARIO = "scenarios/survey.yaml"
@@ -287,15 +283,6 @@ def test_another_path_is_always_told_and_first(inputs, flown):
     assert told[2].endswith(" m: kept")
 
 
-def test_a_reason_whose_numbers_alone_change_is_said_once(inputs, flown):
-    other = Flown(inputs)
-    last = flown.decisions[-1]
-    for k in range(5):
-        other.flight._decided({**last, "reason": f"short by {k}.5 %"})
-    other.flight._decided({**last, "reason": "short by 5 %", "parameters": {**last["parameters"], "c2": 2.0}})
-    assert sum(kind == "STATUSTEXT" for _, kind, _ in other.sent) == 2
-
-
 def test_it_commands_nothing_but_rates_of_messages(flown):
     commands = {fields["command"] for _, kind, fields in flown.sent if kind == "COMMAND_LONG"}
     assert commands == {511}
@@ -504,11 +491,6 @@ def test_a_plan_without_a_place_is_refused(eadp):
     [
         (("--mavlink", "udpin:127.0.0.1:14599", "--replay", "x"), "--replay:1:1: error: beside --mavlink"),
         (("--items", "x"), "--items:1:1: error: without a link"),
-        (("--signing-key", "x"), "--signing-key:1:1: error: without a link"),
-        (
-            ("--signing-key", "nosuch", "--mavlink", "udpin:127.0.0.1:14599"),
-            "nosuch:1:1: error: cannot be read",
-        ),
         (("--replay", "nosuch"), "nosuch:1:1: error: cannot be read"),
         (("--replay", "flight.tlog", "--upload"), "--upload:1:1: error: beside --replay"),
         (("--replay", "README.md"), "README.md:1:1: error: has no flight"),
@@ -568,24 +550,6 @@ def test_a_port_that_fails_at_once_is_tried_in_time(monkeypatch, fault):
     assert port.spent_s < 0.02 * port.now_s
 
 
-@pytest.mark.parametrize(("work_s", "rate"), [(1e-4, 500.0), (0.05, 5.0)])
-def test_work_takes_a_share_of_the_time_or_keeps_up_with_a_flight(monkeypatch, work_s, rate):
-    """However fast positions come; a computer so slow that five a second take more is no reason to leave any out."""
-    clock = Endless(monkeypatch)
-    throttle, taken = Throttle(LINE_S), 0
-    while clock.now_s < 100.0:
-        clock.sleep(1e-3)
-        if throttle.passes():
-            clock.now_s, clock.spent_s = clock.now_s + work_s, clock.spent_s + work_s
-            taken += 1
-    assert taken == pytest.approx(rate * 100 + SAVED_S / work_s, rel=0.05)
-    clock.sleep(10_000.0)
-    before = clock.spent_s
-    while throttle.passes():
-        clock.spent_s += 1e-3
-    assert clock.spent_s - before == pytest.approx(SAVED_S, abs=2e-3), "no more is saved up"
-
-
 def test_few_addresses_are_written_to():
     """Whoever sends to a port that listens is written to; the autopilot was there before a thousand others."""
     link = Link("udpin:127.0.0.1:0", WANTED)
@@ -600,60 +564,6 @@ def test_few_addresses_are_written_to():
                                    "mavlink_version": 3})  # fmt: skip
         readable, _, _ = select.select(sockets, [], [], 1.0)
     assert readable == sockets[:MAX_SENDERS]
-
-
-# --- signatures
-
-KEY = hashlib.sha256(b"open sesame").digest()
-
-
-def signed(key=KEY, ahead_s=0.0):
-    autopilot = Autopilot()
-    signing = autopilot.mav.signing
-    signing.secret_key, signing.sign_outgoing = key, True
-    signing.timestamp = round((time.time() - 1_420_070_400 + ahead_s) * 1e5)
-    return autopilot
-
-
-def test_the_key_is_the_hash_of_the_passphrase(tmp_path):
-    file = tmp_path / "key"
-    file.write_text("open sesame\n")
-    assert read_key(str(file)) == KEY
-    file.write_text("\n")
-    with pytest.raises(InputError, match="is empty"):
-        read_key(str(file))
-
-
-def test_with_a_key_only_signed_messages_count():
-    codec, ours = Codec(WANTED, key=KEY), signed()
-    assert list(codec.decoded(Autopilot().heartbeat(armed=True, active=True))) == []
-    assert list(codec.decoded(signed(bytes(32)).heartbeat(armed=True, active=True))) == []
-    # a forged time ahead does not lock out what follows
-    assert list(codec.decoded(signed(bytes(32), ahead_s=1e6).heartbeat(armed=True, active=True))) == []
-    assert (codec.refused, codec.damaged) == (3, 0)
-    frame = ours.heartbeat(armed=True, active=True)
-    assert [message.kind for message in codec.decoded(frame)] == ["HEARTBEAT"]
-    assert list(codec.decoded(frame)) == []  # again, by somebody else
-    assert codec.refused == 4
-
-
-def test_with_a_key_what_is_sent_is_signed():
-    beat = {"type": 18, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
-    frame = Codec(WANTED, key=KEY).encoded(1, "HEARTBEAT", beat)
-    assert [message.kind for message in Codec(WANTED, key=KEY).decoded(frame)] == ["HEARTBEAT"]
-    assert list(Codec(WANTED, key=bytes(32)).decoded(frame)) == []
-    assert [message.kind for message in Codec(WANTED).decoded(frame)] == ["HEARTBEAT"]  # without a key both are taken
-
-
-def test_what_is_lost_is_said_once(inputs):
-    other = Flown(inputs)
-    for _ in range(3):
-        other.flight.lost(2, 3, 4)
-    assert other.warnings == [
-        "damaged frames are ignored",
-        "messages without the signature of --signing-key are ignored",
-        "positions come faster than 5% of a core can take: some are left out",
-    ]
 
 
 # --- files, and a socket

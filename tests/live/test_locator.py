@@ -1,4 +1,4 @@
-"""The position in a plan: found again after a gap by position, course and time; one hypothesis in ordinary flight."""
+"""The position in a plan: by reports, by triggers, and after a gap by position, course and time."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from common.observations import seen_at
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eadp.api.inputs import Files, load_flight
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
-from eadp.live.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, allows, path_mismatch
+from eadp.live.locator import COURSE_STD_RAD, DISTANCE_STD_M, path_mismatch
+from eadp.live.tracker import Messages, PlanTracker
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.plan.stage import leg_points
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
-START, SPEED = (-100.0, 220.0), 15.0
-PARAMETERS = (-300.0, 10.0)
+MISSION = load_flight(
+    str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/survey.yaml"), overrides={"parameters.c1": -300.0}
+).mission
+START, SPEED, PARAMETERS = MISSION.start_m, MISSION.cruise_mps, MISSION.parameters
 LEGS = RoutePredictor().route(PlanCursor.start(PLAN, PARAMETERS), START).legs
 ENDS_S = [sum(leg.distance_m for leg in LEGS[: i + 1]) / SPEED for i in range(len(LEGS))]
-
-
-def locator():
-    """At the start of the survey."""
-    return Locator(PlanExecutor(PLAN, PARAMETERS, START, Rules()), SPEED, 0.0)
+CALM = (0.0, 0.0)
 
 
 def nominal(time_s):
@@ -39,154 +39,137 @@ def nominal(time_s):
     return number, (point.x_m, point.y_m), point.heading_rad
 
 
-def sighted(time_s, elapsed_s=None, **known):
-    number, position, course = nominal(time_s)
-    found = locator()
-    found.seek(seen_at(elapsed_s or time_s, position, course)._replace(**known), (0.0, 0.0))
-    return number, found
+def tracker():
+    """At the start of the survey."""
+    return PlanTracker(MISSION, START, 0.0, Messages())
 
 
-def stages(found):
-    return [(one.executor.cursor.lap, one.executor.stage.index) for one in found.hypotheses]
+def starts_of(found, seen):
+    """Take a sample; the starts of stages before it."""
+    starts = []
+    found.track(seen, CALM, lambda *start: starts.append(start))
+    return starts
 
 
-@given(st.floats(1.0, ENDS_S[-1] - 1.0), st.floats(0.95, 1.05))
+def place(found):
+    return found.executor.cursor.lap, found.executor.stage.index
+
+
+def place_at(time_s):
+    leg = LEGS[nominal(time_s)[0]]
+    return leg.lap, leg.stage.index
+
+
+@given(st.floats(6.0, ENDS_S[-1] - 1.0), st.floats(0.95, 1.05))
 def test_the_stage_is_found_again_after_any_gap(time_s, wrong_share):
-    number, found = sighted(time_s, time_s * wrong_share)
-    before_s, leg = ENDS_S[number - 1] if number else 0.0, LEGS[number]
-    near_end_s = min(time_s - before_s, ENDS_S[number] - time_s)
-    true = leg.lap, leg.stage.index
-    assert true in stages(found)
-    if near_end_s > 1.0:  # two stages meet at a trigger
-        assert stages(found)[0] == true
+    number, position, course = nominal(time_s)
+    before_s = ENDS_S[number - 1] if number else 0.0
+    found = tracker()
+    starts_of(found, seen_at(time_s * wrong_share, position, course))
+    if min(time_s - before_s, ENDS_S[number] - time_s) > 1.0:  # two stages meet at a trigger
+        assert place(found) == place_at(time_s)
         assert found.executor.stages_started == number + 1
-        assert found.hypotheses[0].stage_started_s == pytest.approx(time_s * wrong_share - (time_s - before_s), abs=1.0)
+        assert found.stage_started_s == pytest.approx(time_s * wrong_share - (time_s - before_s), abs=1.0)
     assert found.through_gap
+    assert found.stage_unknown
 
 
-def test_a_lap_that_the_time_does_not_allow_is_none():
-    number, found = sighted(100.0)
-    lap = LEGS[number].lap
-    assert all(abs(one - lap) <= 1 for one, _ in stages(found))
-    _, other = sighted(100.0, 30.0)
-    assert other.uncertain, "no stage fits position and time"
+def test_what_is_found_is_certain_with_the_next_stage():
+    found, time_s = tracker(), 100.0
+    for _ in range(60):
+        _, position, course = nominal(time_s)
+        starts_of(found, seen_at(time_s, position, course))
+        if not found.stage_unknown:
+            break
+        time_s += 1.0
+    assert place(found) == place_at(time_s + 2.0) != place_at(100.0), "a trigger ends a stage within its radius"
 
 
-def test_without_a_position_it_is_where_the_time_puts_it():
-    number, found = sighted(100.0, position_m=None, velocity_mps=None)
-    assert found.uncertain
-    assert stages(found) == [(LEGS[number].lap, LEGS[number].stage.index)]
-    _, position, _ = nominal(100.0)
-    now = found.seek(seen_at(100.0, None), (0.0, 0.0))
-    assert math.dist(now, position) < 3.0
+def test_a_leg_that_the_time_does_not_allow_or_of_another_course_is_not_found():
+    _, position, course = nominal(100.0)
+    for seen in (seen_at(30.0, position, course), seen_at(100.0, position, course + math.pi)):
+        found = tracker()
+        starts_of(found, seen)
+        assert place(found) != place_at(100.0)
+        assert not found.lost
 
 
-def through(text, start, positions):
-    """A flight that has followed these positions at cruise speed, and its time."""
-    plan, _ = read_plan(Text("short.plan", text))
-    found, time_s, at = Locator(PlanExecutor(plan, (), start, Rules()), SPEED, 0.0), 0.0, start
-    for position in positions:
-        time_s, at = time_s + math.dist(at, position) / SPEED, position
-        found.follow(seen_at(time_s, position), None, lambda *_: None)
-    return found, time_s
+def test_without_a_position_the_flight_waits_unless_a_stage_is_reported():
+    found = tracker()
+    assert found.track(seen_at(4.0, None), CALM, lambda *_: None) == START
+    assert not found.stage_unknown
+    starts_of(found, seen_at(6.0, None))
+    assert (place(found), found.stage_unknown) == ((0, 1), True)
+    assert len(starts_of(found, seen_at(40.0, None, stages_started=4))) == 2
+    assert place(found) == (0, 4)
+
+
+@pytest.mark.parametrize("skips", [0, 1, 2, 3])
+def test_stages_that_are_reported_to_be_over_are_skipped_and_spread_over_the_step(skips):
+    found = tracker()
+    starts = starts_of(found, seen_at(6.0, (-100.0, 240.0), stages_started=1 + skips))
+    assert found.executor.stages_started == 1 + skips
+    assert starts == [(6.0 * k / skips, (-100.0, 240.0), 1.0) for k in range(1, skips)]
+    assert found.stage_started_s == (6.0 if skips else 0.0)
+
+
+@pytest.mark.parametrize("number", [3, 12, 20])
+@pytest.mark.parametrize("on_path", [True, False])
+def test_a_flight_begins_in_its_middle_with_the_number_of_its_stage(number, on_path):
+    _, position, course = nominal((ENDS_S[number - 1] + ENDS_S[number]) / 2)
+    found = tracker()
+    found.begin_within(seen_at(0.0, position if on_path else (900.0, 900.0), course, stages_started=number + 1))
+    assert (place(found), found.executor.stages_started) == ((LEGS[number].lap, LEGS[number].stage.index), number + 1)
+    assert not found.stage_unknown
+
+
+@pytest.mark.parametrize("number", [5, 14])
+def test_a_flight_begins_in_its_middle_in_the_lap_of_its_position(number):
+    _, position, course = nominal((ENDS_S[number - 1] + ENDS_S[number]) / 2)
+    found = tracker()
+    found.begin_within(seen_at(0.0, position, course, LEGS[number].stage.index))
+    assert place(found) == (LEGS[number].lap, LEGS[number].stage.index)
+    assert found.stage_unknown
+    elsewhere = tracker()
+    elsewhere.begin_within(seen_at(0.0, (900.0, 900.0), course, 3))
+    assert place(elsewhere) == (0, 3), "the first lap's"
 
 
 CIRCLE = "%: trigger-radius 5\n0.002; 90; x^2 + y^2 - 50^2\n47, -17.06\n0.1; 90; x - 47\n47, 300\n"
 
 
-@pytest.mark.parametrize("flown_deg", [20, 90, 170, 200])
-def test_without_a_position_it_goes_on_round_a_circle_from_where_it_was(flown_deg):
-    def on_round(angle_deg):
-        return 50 * math.cos(math.radians(angle_deg)), 50 * math.sin(math.radians(angle_deg))
-
-    found, time_s = through(CIRCLE, (50.0, 0.0), [on_round(angle_deg) for angle_deg in range(5, flown_deg + 1, 5)])
-    now = found.seek(seen_at(time_s + 5.0, None), (0.0, 0.0))
-    assert math.dist(now, on_round(flown_deg + math.degrees(5.0 * SPEED / 50))) < 3.0
-
-
-def test_without_a_position_it_goes_on_from_within_a_short_leg():
-    text = "%: trigger-radius 1\n0.1; 90; x\n0, 12\n0.1; 90; x\n0, 900\n"
-    found, time_s = through(text, (0.0, 0.0), [(0.0, 3.0), (0.0, 9.0)])
-    assert found.executor.stages_started == 1
-    now = found.seek(seen_at(time_s + 5.0, None), (0.0, 0.0))
-    assert now == pytest.approx((0.0, 9.0 + 5.0 * SPEED), abs=3.0)
-
-
-@pytest.mark.parametrize("skips", [0, 1, 2, 3])
-def test_stages_that_are_reported_to_be_over_are_skipped_and_spread_over_the_step(skips):
-    found, starts = locator(), []
-    found.follow(seen_at(6.0, (-100.0, 240.0)), skips, lambda *start: starts.append(start))
-    assert found.executor.stages_started == 1 + skips
-    assert starts == [(6.0 * k / skips, (-100.0, 240.0), 1.0) for k in range(1, skips)]
-    assert found.hypotheses[0].stage_started_s == (6.0 if skips else 0.0)
+def test_turns_of_a_circle_before_a_gap_count_by_the_time_on_it():
+    """The circle's start and end are near to one another: the time tells which is flown."""
+    text = Text("circle.plan", CIRCLE)
+    mission = load_flight(text.name, overrides={"start.position_m": [50, 0]}, files=Files({text.name: text})).mission
+    for gap_s, stage in ((6.0, 1), (19.0 * 15 / mission.cruise_mps, 2)):
+        found = PlanTracker(mission, (50.0, 0.0), 0.0, Messages())
+        for k in range(1, 10):
+            angle = 0.1 * k
+            at = 50 * math.cos(angle), 50 * math.sin(angle)
+            starts_of(found, seen_at(5.0 * k / mission.cruise_mps, at))
+        angle += gap_s * mission.cruise_mps / 50
+        at, course = ((50 * math.cos(angle), 50 * math.sin(angle)), angle + math.pi / 2)
+        if stage == 2:
+            at, course = (47.0, -10.0), math.pi / 2
+        starts_of(found, seen_at(45.0 / mission.cruise_mps + gap_s, at, course))
+        assert found.executor.stage.index == stage
 
 
-def test_a_sighting_allows_the_stage_that_it_reports_and_the_one_before():
-    executor = locator().executor
-    for _ in range(2):
-        executor.skip(START)
-    allowed = [count for count in range(7) if allows(seen_at(9.0, START, stages_started=count), executor)]
-    assert allowed == [3, 4]
-    assert [stage for stage in range(1, 5) if allows(seen_at(9.0, START, stage=stage), executor)] == [3, 4]
-
-
-def test_a_course_decides_between_two_lines():
-    """Two lines of opposite directions, side by side."""
-    number = next(i for i, leg in enumerate(LEGS) if leg.lap == 2 and leg.stage.kind == "line")
-    time_s = (ENDS_S[number - 1] + ENDS_S[number]) / 2
-    _, found = sighted(time_s, position_m=None, velocity_mps=None)
-    _, position, course = nominal(time_s)
-    found.seek(seen_at(time_s, position, course), (0.0, 0.0))
-    assert not found.lost
-    assert stages(found)[0] == (2, LEGS[number].stage.index)
-    back = locator()
-    back.seek(seen_at(time_s, position, course + math.pi), (0.0, 0.0))
-    assert (2, LEGS[number].stage.index) not in stages(back) or back.lost
-
-
-@pytest.mark.parametrize("turned", [0.0, 0.4, -0.4, math.pi / 2, 3.0])
-def test_thepath_mismatch_is_the_distance_from_the_path_and_the_angle_to_it(turned):
+@pytest.mark.parametrize("turned", [0.0, 0.4, math.pi / 2, 3.0])
+def test_the_path_mismatch_is_the_distance_from_the_path_and_the_angle_to_it(turned):
     """On the path and at 7 m from a line, courses a whole turn apart alike."""
     number = next(i for i, leg in enumerate(LEGS) if leg.stage.kind == "line")
-    _, found = sighted((ENDS_S[number - 1] + ENDS_S[number]) / 2)
-    executor = next(one.executor for one in found.hypotheses if one.executor.stage.index == LEGS[number].stage.index)
+    found = tracker()
+    found.begin_within(seen_at(0.0, LEGS[number].start_m, None, stages_started=number + 1))
     _, (x, y), course = nominal((ENDS_S[number - 1] + ENDS_S[number]) / 2)
     beside = (x - 7 * math.sin(course), y + 7 * math.cos(course))
     angle = (turned / COURSE_STD_RAD) ** 2
     for whole in (0, 2 * math.pi, -2 * math.pi):
-        on_path = path_mismatch(executor, seen_at(9.0, (x, y), course + turned + whole))
+        on_path = path_mismatch(found.executor, seen_at(9.0, (x, y), course + turned + whole))
         assert on_path == pytest.approx(angle, abs=1e-6)
-        off_path = path_mismatch(executor, seen_at(9.0, beside, course + turned + whole))
+        off_path = path_mismatch(found.executor, seen_at(9.0, beside, course + turned + whole))
         assert off_path == pytest.approx(angle + (7 / DISTANCE_STD_M) ** 2, rel=1e-6)
-
-
-def test_a_number_of_stages_started_settles_it():
-    for number in (3, 12, 20):
-        found = locator()
-        found.seek(seen_at(1.0, None, stages_started=number + 1), (0.0, 0.0))
-        assert stages(found) == [(LEGS[number].lap, LEGS[number].stage.index)]
-        assert found.executor.stages_started == number + 1
-
-
-def test_a_reported_stage_settles_it_at_a_position_that_fits_none():
-    found = locator()
-    found.seek(seen_at(60.0, (900.0, 900.0), stage=3), (0.0, 0.0))
-    assert not found.uncertain
-    assert stages(found)[0][1] == 3
-
-
-def test_positions_decide_between_hypotheses_and_the_wrong_ones_go():
-    """A lap of no time: two laps on the same line differ by the time alone, until the first turn."""
-    number, time_s = 9, ENDS_S[8] + 1.0
-    _, found = sighted(time_s, time_s + 7.0)
-    for _ in range(20):
-        time_s += 1.0
-        _, position, course = nominal(time_s)
-        found.follow(seen_at(time_s + 7.0, position, course), None, lambda *_: None)
-    assert not found.uncertain
-    true = LEGS[nominal(time_s)[0]]
-    assert stages(found) == [(true.lap, true.stage.index)]
-    assert number < found.executor.stages_started
 
 
 def test_a_placed_flight_fires_its_trigger_on_time():
@@ -207,8 +190,7 @@ def test_a_placed_flight_fires_its_trigger_on_time():
 
 def test_a_placed_flight_ends_a_circle_that_it_flies_past_outside():
     """Most of a turn, 8 m outside the circle and so outside the trigger's disc: the angle flown ends it."""
-    text = "%: trigger-radius 5\n0.002; 90; x^2 + y^2 - 50^2\n47, -17.06\n0.1; 90; x - 47\n47, 300\n"
-    plan, _ = read_plan(Text("circle.plan", text))
+    plan, _ = read_plan(Text("circle.plan", CIRCLE))
     executor = PlanExecutor(plan, (), (50.0, 0.0), Rules())
     sweep_deg = 360 - math.degrees(math.atan2(17.06, 47))
 

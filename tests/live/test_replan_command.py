@@ -13,7 +13,7 @@ import subprocess
 import sys
 
 import pytest
-from common import ROOT, draws, few
+from common import ROOT, draws
 from common.processes import hear_interrupts
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -214,16 +214,6 @@ def test_the_page_shows_real_lines(whole):
     assert set(answer) == set(whole[0])
 
 
-@pytest.mark.slow
-def test_the_example_is_followed_whatever_the_planner_would_have_flown(eadp):
-    answer = eadp(*ARGUMENTS[:-1], "static", "--telemetry", EXAMPLE)
-    advice = [json.loads(line) for line in answer.out.splitlines()]
-    assert answer.code == 0
-    assert advice[-1]["reason"] == "final point reached"
-    assert advice[300]["soc_end_forecast"] < 0, "the parameters of take-off would not last"
-    assert answer.err == ""
-
-
 # --- the log
 
 
@@ -258,17 +248,6 @@ def test_a_torn_last_line_is_dropped(replan, whole, tmp_path):
     assert (code, advice) == (0, whole[49:120])
     assert err == f"{log}:100:1: warning: the last line was torn; it is dropped\n"
     assert all(json.loads(line) for line in log.read_text().splitlines())
-
-
-@pytest.mark.parametrize("last", few(['{"kind": "decision", "time_s": 5', "", '{"kind": "mission", "items": "x"}'], 1))
-def test_a_last_line_without_its_end_is_dropped(replan, whole, tmp_path, last):
-    log = tmp_path / "flight.jsonl"
-    replan(b"".join(LINES[:50]), "--log", log)
-    log.write_text(log.read_text() + last if last else log.read_text()[:-1])
-    for first, end in ((50, 120), (120, 130)):
-        code, advice, _ = replan(b"".join(LINES[first:end]), "--log", log)
-        assert code == 0
-        assert advice[-(end - first) :] == whole[first:end]
 
 
 def test_a_decision_that_was_not_emitted_is_emitted_at_the_start(replan, whole, tmp_path):

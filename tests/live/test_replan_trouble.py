@@ -5,12 +5,11 @@ The recordings are no part of the project: each of their tests is skipped where 
 
 from __future__ import annotations
 
-import itertools
 import json
 
 import pytest
 from broken_osqp import BROKEN, broken_osqp
-from common import ROOT, few_rows
+from common import ROOT
 
 from eadp.cli.main import main
 from eadp.io.plan.reader import read_plan
@@ -155,67 +154,35 @@ def places(decisions):
     return {line["time_s"]: (line["lap"], line["stage"]) for line in decisions}
 
 
-def known(decisions):
-    """Times and places at which stage and lap are certain."""
-    return {
-        line["time_s"]: (line["lap"], line["stage"]) for line in decisions if "stage-unknown" not in line["warnings"]
-    }
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("begins_s", "reports"),
-    few_rows(
-        [
-            (60, ("parameters",)),
-            *itertools.product((130, 200), [("parameters",), ("parameters", "stage"), ("stage",), ()]),
-            *itertools.product((60, 300), [("parameters", "stage"), ("stage",)]),
-            *[(60, ()), (300, ("parameters",)), (300, ())],
-        ],
-        2,
-    ),
+    [(130, ("parameters", "stages_started")), (200, ("parameters", "stage")), (300, ("stage",))],
 )
 def test_telemetry_that_begins_in_the_middle_of_the_flight(replan, begins_s, reports):
+    """The lap is that of the number of the stage, else that of the position: certain, or until the next stage not."""
     _, whole, _ = replan(EXAMPLE)
     true = places(whole)
     lines = [dict(line) for line in EXAMPLE if line["time_s"] >= begins_s]
     for line in lines:
-        if "stage" in reports:
-            line["stage"] = true[line["time_s"]][1]
+        lap, stage = true[line["time_s"]]
+        line |= {key: value for key, value in (("stage", stage), ("stages_started", 4 * lap + stage)) if key in reports}
         if "parameters" not in reports:
             del line["parameters"]
     code, decisions, _ = replan(lines)
     assert code == 0
-    assert decisions[0]["warnings"] == ["stage-unknown"]
-    found = known(decisions)
-    # without parameters laps are told apart by their spacing, which takes the next ones
-    assert min(found) - begins_s < (25 if "parameters" in reports else 120)
-    # where nothing is reported the path tracked is the one decided now: stages end a little sooner or later on it
-    beside_s = (0,) if reports else (-1, 0, 1)
-    wrong = [time_s for time_s, place in found.items() if place not in [true.get(time_s + k) for k in beside_s]]
-    assert len(wrong) <= 2
+    assert ("stage-unknown" in decisions[0]["warnings"]) is ("stages_started" not in reports)
+    assert "stage-unknown" not in decisions[-1]["warnings"]
+    wrong = [line["time_s"] for line in decisions if (line["lap"], line["stage"]) != true.get(line["time_s"])]
+    assert len(wrong) <= 2 or "parameters" not in reports
     assert decisions[-1]["reason"] == REACHED or "parameters" not in reports
 
 
-@pytest.mark.slow
-def test_a_recorded_flight_that_begins_in_the_middle(replan):
-    scenario, lines = recorded("late")
-    code, decisions, _ = replan(lines, SURVEY, scenario)
-    assert code == 0
-    assert decisions[0]["warnings"] == ["stage-unknown"]
-    at = places(decisions)
-    # the line to the north at 300 s and those that follow lie 12.8 m apart, from x = 35 m on: laps 5 to 11
-    assert [at[time_s] for time_s in (370.0, 400.0, 450.0, 500.0, 555.0, 605.0)] == [
-        (7, 2), (7, 4), (8, 4), (9, 4), (10, 4), (11, 4),
-    ]  # fmt: skip
-    found = known(decisions)
-    assert min(found) < 480
-    assert [*found] == [line["time_s"] for line in decisions if line["time_s"] >= min(found)]
-    stages = list(dict.fromkeys(found.values()))
-    assert stages == [
-        (lap, stage) for lap in range(9, 13) for stage in range(1, 5) if (9, 2) <= (lap, stage) <= (12, 1)
-    ]
-    assert abs(decisions[160]["in_force"]["c1"] + 200) < 30
+def test_telemetry_elsewhere_without_a_stage_is_taken_for_a_start(replan):
+    lines = [{key: value for key, value in line.items() if key != "parameters"} for line in EXAMPLE[300:320]]
+    _, decisions, _ = replan(lines)
+    assert (decisions[0]["lap"], decisions[0]["stage"]) == (0, 1)
+    assert all("stage-unknown" in line["warnings"] for line in decisions)
 
 
 def test_a_failed_solver_shows_in_decisions_and_in_the_exit_code(capsys):

@@ -22,7 +22,7 @@ from eadp.errors import InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, wanted_parameters
 from eadp.exchange.items import ITEMS_LIMIT, MissionItem
 from eadp.exchange.path import PlannedPath, planned_sections
-from eadp.exchange.writer import MappedItem, mapped_items, mission_items, read_items
+from eadp.exchange.writer import mapped_items, mission_items, read_items
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Text
@@ -30,7 +30,7 @@ from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.mavlink import Codec
 from eadp.live.messages import ASKED, WANTED
 from eadp.live.mission import ITEM_TRIES, RECHECK_S, MissionClient, Outgoing, Received, RestLayout, equal_items
-from eadp.live.replanner import ReplanLog, Replanner, hash_of
+from eadp.live.replanner import ReplanLog, hash_of
 from eadp.models.plan.trace import nominal_legs, nominal_route
 
 
@@ -103,7 +103,7 @@ def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tm
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("refuses", [(), ("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")])
+@pytest.mark.parametrize("refuses", [(), ("MISSION_COUNT",)])
 def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path, refuses):
     """The items flown are of c1 = 0: in force where the new mission is refused, else those of before it."""
     path = tmp_path / "log.jsonl"
@@ -124,13 +124,6 @@ def test_another_mission_is_left_alone(inputs, mission, lines):
     assert any("another mission" in text for text in flown.said)
     assert flown.holder.items[1:] == moved
     assert flown.holder.writes == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lost", [1, 4])
-def test_messages_that_are_lost_are_sent_again(inputs, mission, lines, lost):
-    flown = Flying(inputs, mission, lost=lost).fly(lines)
-    assert any("uploaded and verified" in text for text in flown.said)
 
 
 class Lossy(MissionHolder):
@@ -226,21 +219,6 @@ def test_a_lost_answer_does_not_lose_the_item(inputs, mission, lines):
     flown.fly(lines, current=True)
     assert any("uploaded and verified" in text for text in flown.said)
     assert flown.holder.current == 3
-
-
-@pytest.mark.slow
-def test_what_is_uploaded_is_what_was_laid_out(inputs, mission, lines, monkeypatch):
-    """While a parameter is held the rest is laid out with that, which is not the one decided: it is sent again."""
-    held, rest = -100.0, Replanner.rest
-
-    def rest_held(replanner):
-        planned = rest(replanner)
-        return planned._replace(parameters=tuple((held, *values[1:]) for values in planned.parameters))
-
-    monkeypatch.setattr(Replanner, "rest", rest_held)
-    flown = Flying(inputs, mission).fly(lines[:12])
-    assert flown.decisions[-1]["parameters"]["c1"] != held
-    assert sum("uploaded and verified" in said for said in flown.said) > 1
 
 
 def test_items_ahead_with_other_parameters_are_replaced(inputs, mission, lines, replaced, tmp_path):
@@ -384,7 +362,7 @@ def test_acks_of_others_end_no_upload(inputs, mission, lines):
 def test_after_a_kill_before_the_upload_it_is_made(inputs, mission, lines, tmp_path):
     path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.sources, {})
     log = ReplanLog(path, kept)
-    first = Flying(inputs, mission, log, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")).fly(lines[:12])
+    first = Flying(inputs, mission, log, refuses=("MISSION_COUNT",)).fly(lines[:12])
     log.close()
     assert first.decisions[-1]["parameters"]["c1"] < 0
     log = ReplanLog(path, kept)
@@ -401,7 +379,7 @@ def test_an_autopilot_that_does_not_answer_is_said(inputs, mission):
 
 
 def test_a_refused_mission_is_said_and_the_old_one_stays(inputs, mission, lines):
-    flown = Flying(inputs, mission, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")).fly(lines)
+    flown = Flying(inputs, mission, refuses=("MISSION_COUNT",)).fly(lines)
     assert any("the old one is kept" in text for text in flown.said)
     assert flown.holder.items[1:] == mission[1]
     assert not any("verified" in text for text in flown.said)
@@ -500,22 +478,6 @@ def test_a_log_of_a_mission_with_another_number_of_items_has_the_stage_by_positi
     ]
 
 
-def test_a_partial_list_that_is_refused_is_followed_by_the_whole(inputs, mission, lines, monkeypatch):
-    """As many items as before, moved a little."""
-
-    def moved(_layout, held, mapped, _planned, **_):
-        return 10, [
-            MappedItem(item._replace(parameters=(*item.parameters[:6], 61.0)), old.first, old.last, (-1.0,))
-            for old, item in zip(mapped[10:], held[10:], strict=True)
-        ]
-
-    monkeypatch.setattr(RestLayout, "after", moved)
-    flown = Flying(inputs, mission, refuses=("MISSION_WRITE_PARTIAL_LIST",)).fly(lines, current=True)
-    kinds = [kind for kind in flown.holder.kinds if kind in ("MISSION_WRITE_PARTIAL_LIST", "MISSION_COUNT")]
-    assert kinds[:2] == ["MISSION_WRITE_PARTIAL_LIST", "MISSION_COUNT"]
-    assert any("uploaded and verified" in text for text in flown.said)
-
-
 class Tears(MissionHolder):
     """A link that is down for some seconds while the rest of a mission is sent; ArduPilot keeps what has come."""
 
@@ -551,27 +513,6 @@ def test_an_upload_that_is_interrupted_is_sent_again(inputs, mission, after):
     assert not any("unknown" in text or "another mission" in text for text in flown.said)
     decided = flown.decisions[-1]["parameters"]["c1"]
     assert {each.parameters[0] for each in flown.flight._lines.items if each.first > 4} == {decided}
-
-
-@pytest.mark.slow
-def test_the_right_mission_sent_again_is_known(inputs, mission):
-    """As many items as before: other ones, and then those of --items again, from a ground station."""
-
-    class Changed(Flying):
-        def _give(self, frame):
-            if 135 < self.now_s < 180:
-                self.holder.items[1:] = [(c, f, (*p[:4], p[4] + 0.001, *p[5:])) for c, f, p in mission[1]]
-            elif self.now_s >= 180 and self.seen is None:
-                self.holder.items[1:] = mission[1]
-                self.seen = self.now_s
-            super()._give(frame)
-
-    Changed.seen = None
-    flown = Changed(inputs, mission, upload=False).fly(recorded()[:100], current=True)
-    held = [text for text in flown.said if "mission of --items" in text or "another mission" in text]
-    # read again each minute, and once it is another each 10 s
-    assert ["autopilot holds" in text for text in held] == [True, False, True]
-    assert flown.flight._lines.items is not None
 
 
 CAMERA = """\
@@ -640,12 +581,3 @@ def test_parameters_that_disagree_are_said_once(inputs, mission, lines, older):
     asked = flown.holder.kinds.count("PARAM_REQUEST_READ")
     assert asked <= 2 * ASKED * len(wanted_of(inputs))
     assert sum("forecast does not hold" in m.fields["text"] for m in flown.sent if m.kind == "STATUSTEXT") == 1
-
-
-def test_parameters_that_agree_are_not_said(inputs, mission, lines):
-    flown = Flying(inputs, mission)
-    wanted = wanted_of(inputs)
-    flown.holder.parameters = {each.name: 0.0 if math.isnan(each.value) else each.value for each in wanted}
-    flown.fly(lines)
-    assert flown.holder.kinds.count("PARAM_REQUEST_READ") == len(flown.holder.parameters)
-    assert not any("forecast does not hold" in text for text in flown.said)

@@ -317,11 +317,6 @@ def test_a_telemetry_log(tmp_path: Path) -> None:
     assert log.also["bank_rad"][5] == pytest.approx(0.1)
 
 
-def test_dataflash_of_older_versions(tmp_path: Path) -> None:
-    body = text_log("CURR", "TimeMS,Volt,Curr,CurrTot", lead="")
-    assert_read(read_power_log(stored(tmp_path, "flight.log", body)))
-
-
 def test_dataflash_text_is_told_from_a_table() -> None:
     assert is_dataflash_text(text_log().encode())
     assert not is_dataflash_text(b"time_s,power_w\n1,2\n")

@@ -177,27 +177,6 @@ def flight(tmp_path: Path, header: str, row: str, noise_w: float = 0.2, n: int =
     return str(log)
 
 
-def test_a_plan_says_where_to_look(run: Run) -> None:
-    code, out, _ = run("fit", EXAMPLE, "--plan", str(ROOT / "plans" / "survey.plan"), "--format", "json")
-    document = json.loads(out)
-    assert code == 0
-    # the survey's laps take 45.8 to 46.3 s in the published flight; flown exactly at 15 m/s a little more
-    assert document["prior"] == {"period_s": pytest.approx(47, abs=2), "source": "plan"}
-    assert document["period_s"] == pytest.approx(46.05, abs=0.1)
-    code, out, _ = run(
-        "fit", EXAMPLE, "--plan", str(ROOT / "plans" / "survey.plan"), "--airspeed", "30", "--format", "json"
-    )
-    assert json.loads(out)["prior"]["period_s"] == pytest.approx(document["prior"]["period_s"] / 2)
-
-
-def test_a_plan_without_laps_says_nothing(run: Run, tmp_path: Path) -> None:
-    plan = tmp_path / "line.plan"
-    plan.write_text("0.05; 90; x\n0, 400\n")
-    code, out, err = run("fit", EXAMPLE, "--plan", str(plan))
-    assert (code, out) == (2, "")
-    assert err.startswith(f"{plan}:1:1: error: the plan has no laps; expected a plan that repeats its stages")
-
-
 @pytest.mark.slow
 def test_positions_in_the_log_say_where_to_look(run: Run, tmp_path: Path) -> None:
     log = flight(tmp_path, "time_s,power_w,x_m,y_m", "{t},{w},{x},{y}", noise_w=0.5)
@@ -243,7 +222,6 @@ def test_a_transient_is_left_out(run: Run, tmp_path: Path) -> None:
         (["--from", "900"], "--from:1:1: error: leaves nothing of the log; expected a time within its 269.5 s"),
         (["--from", "-1"], "--from:1:1: error: no time of a log; expected a number of seconds, 0 or more"),
         (["--to", "0.1"], f"{log}:1:1: error: 1 samples are too few"),
-        (["--airspeed", "15"], "--airspeed:1:1: error: no speed of a plan's lap"),
     ):
         code, out, err = run("fit", str(log), *arguments)
         assert (code, out) == (2, "")

@@ -7,12 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from common import ROOT
 
 from eadp.errors import InputError
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import read_text
-from eadp.measure.power import FitOptions, plan_lap_s, read_fit
+from eadp.measure.power import FitOptions, read_fit
 from eadp.measure.power_log import Columns
 
 PERIOD_S, STEP_S = 46.0, 0.5
@@ -46,16 +43,12 @@ def test_without_options_nothing_is_left_out_and_nothing_said(tmp_path: Path) ->
     assert (fit.prior_s, fit.prior_source, fit.counts, fit.warnings) == (None, "", {"rows": 460}, [])
 
 
-def test_a_prior_is_the_options_before_the_plans_before_the_positions(tmp_path: Path) -> None:
+def test_a_prior_is_the_options_before_the_positions(tmp_path: Path) -> None:
     path = log_file(tmp_path, columns="x_m,y_m")
-    plan = str(ROOT / "plans" / "survey.plan")
     by_position = read_fit(path, Columns(), FitOptions())
     assert by_position.prior_source == "position"
     assert by_position.prior_s == pytest.approx(PERIOD_S, rel=0.02)
-    by_plan = read_fit(path, Columns(), FitOptions(plan=plan))
-    assert by_plan.prior_source == "plan"
-    assert by_plan.prior_s == pytest.approx(47, abs=2)
-    by_option = read_fit(path, Columns(), FitOptions(plan=plan, period_prior_s=50.0))
+    by_option = read_fit(path, Columns(), FitOptions(period_prior_s=50.0))
     assert (by_option.prior_s, by_option.prior_source) == (50.0, "option")
 
 
@@ -106,16 +99,3 @@ def test_a_spike_is_a_warning_at_its_time_in_the_log(tmp_path: Path) -> None:
     fit = read_fit(str(path), Columns(), FitOptions(start_s=10.0))
     assert fit.counts["spikes"] == 1
     assert [fault.message for fault in fit.warnings] == ["1 spike left out, the first at 50 s"]
-
-
-def test_a_lap_of_a_plan_takes_as_long_as_its_lines_and_arcs(tmp_path: Path) -> None:
-    survey = read_plan(read_text(str(ROOT / "plans" / "survey.plan")))[0]
-    laps = [plan_lap_s(survey, "survey.plan", speed) for speed in (15.0, 30.0)]
-    assert laps[0] == pytest.approx(2 * laps[1])
-    once = tmp_path / "once.plan"
-    once.write_text("0.05; 90; x\n0, 400\n")
-    with pytest.raises(InputError) as error:
-        plan_lap_s(read_plan(read_text(str(once)))[0], "once.plan", 15.0)
-    assert faults(error) == [
-        "once.plan:1:1: error: the plan has no laps; expected a plan that repeats its stages, or --period-prior S"
-    ]

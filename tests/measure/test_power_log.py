@@ -201,13 +201,6 @@ def test_a_power_of_no_such_aircraft_is_refused() -> None:
         parse(table("timestamp,voltage_v,current_a", "{i}000000,1500,2700"))
 
 
-@pytest.mark.parametrize(
-    ("name", "per_s"), [("time_milliseconds", 1000), ("time [seconds]", 1), ("t (minutes)", 1 / 60)]
-)
-def test_units_in_words(name: str, per_s: float) -> None:
-    assert parse(table(f"{name},power_watts", "{i},5")).times_s[-1] == pytest.approx((N - 1) / per_s)
-
-
 def test_a_power_of_zero_or_less_is_a_reading() -> None:
     assert parse(rows("100,0", "101,-1")).power_w[-2:].tolist() == [0, -1]
 
@@ -268,10 +261,6 @@ def test_many_bad_cells_are_counted() -> None:
 )
 def test_too_few_readings(body: str, fault: str) -> None:
     assert any(line.startswith(fault) for line in faults_of(body))
-
-
-def test_just_enough_readings() -> None:
-    assert len(parse(table("time_s,power_w", "{i},5", MIN_SAMPLES)).times_s) == MIN_SAMPLES
 
 
 @pytest.mark.parametrize("head", [b"ULog\x01\x12\x35\x01\x00", b"\xa3\x95\x80\x80"])
@@ -339,20 +328,6 @@ def test_file_with_a_byte_order_mark_and_any_line_ends(tmp_path: Path, end: str)
     assert len(read_power_log(str(file)).times_s) == N
 
 
-@given(
-    st.lists(
-        st.tuples(st.integers(-(10**6), 10**6), st.floats(-5e4, 5e4, allow_nan=False)), min_size=40, max_size=80
-    ).filter(lambda pairs: len({time for time, _ in pairs}) >= MIN_SAMPLES)
-)
-def test_any_readings_come_out_in_order_once(pairs: list[tuple[int, float]]) -> None:
-    body = "time_s,power_w\n" + "".join(f"{time},{power!r}\n" for time, power in pairs)
-    log = parse(body)
-    first = dict(reversed(pairs))
-    times = sorted(first)
-    assert log.times_s.tolist() == [time - times[0] for time in times]
-    assert log.power_w.tolist() == [first[time] for time in times]
-
-
 @given(st.text(max_size=300))
 def test_any_text_is_read_or_refused(body: str) -> None:
     for head in ("", "time_s,power_w\n"):
@@ -361,17 +336,6 @@ def test_any_text_is_read_or_refused(body: str) -> None:
         except InputError:
             continue
         assert np.all(np.diff(log.times_s) > 0)
-
-
-def test_a_header_of_many_columns(tmp_path: Path) -> None:
-    names = [f"c{i}" for i in range(40_000)]
-    rows = "".join(f"{i},{40 + i % 3}\n" for i in range(30))
-    path = tmp_path / "log.csv"
-    path.write_text(f"time_s,power_w,{','.join(names)}\n{rows}")
-    assert len(read_power_log(str(path)).times_s) == 30
-    path.write_text(f"time_s,power_w,{','.join(names)},c17,c17\n{rows}")
-    with pytest.raises(InputError, match="the name c17 stands twice"):
-        read_power_log(str(path))
 
 
 def test_semicolons_decimal_commas_and_dates(tmp_path):

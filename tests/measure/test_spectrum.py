@@ -95,13 +95,6 @@ def test_orders_are_tried_until_four_in_a_row_bring_no_improvement() -> None:
     assert {5, 6, 7} <= counts, "the best is the first, the second and the third order"
 
 
-def test_a_periodogram_of_one_harmonic_explains_that_harmonic_alone() -> None:
-    times = sampled(8)
-    for terms, explained in (((2.0, 0.8), (2.0, -1.9)), 0.5), (((2.0, 0.8), (1.0, 2.6)), 0.8):
-        period, share = periodogram(times, signal(times, terms), order=1, points=500)
-        assert share[np.argmin(abs(period - PERIOD_S))] == pytest.approx(explained, abs=0.03)
-
-
 def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
     times = np.arange(0.0, 400.0, 0.1)
     period, share = periodogram(times, signal(times), order=1, points=40)
@@ -208,15 +201,6 @@ def test_a_log_without_noise_gives_the_period_and_the_phases_exactly(terms: tupl
 def test_a_stronger_second_harmonic_is_not_the_period(periods: float) -> None:
     times = sampled(periods)
     assert_found(analyse(times, noisy(times, terms=((0.6, 0.3), (4.0, 1.0), (1.0, -2.0)))))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_never_a_multiple_of_the_period(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    times = sampled(rng.uniform(4, 20), step_s=1.0)
-    slow = lfilter([math.sqrt(1 - 0.9**2)], [1, -0.9], rng.normal(size=len(times)))
-    assert_found(analyse(times, signal(times) + 0.5 * slow))
 
 
 @pytest.mark.slow
@@ -492,12 +476,6 @@ def test_odd_samples_are_survived(kind: str) -> None:
 def test_order_asked_for(order: int) -> None:
     times = sampled(4)
     assert_found(analyse(times, noisy(times), order=order), order=order)
-
-
-def test_the_period_is_found_at_the_best_order_whatever_is_asked_for() -> None:
-    times = sampled(4)
-    power = noisy(times, terms=((0.6, 0.3), (4.0, 1.0), (1.0, -2.0)))
-    assert_found(analyse(times, power, order=1), order=1)
 
 
 def test_an_order_that_the_samples_cannot_tell() -> None:

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from eadp.core.signals import output_row
 from eadp.papers import estimator as module
-from eadp.papers.estimator import STEPPING, EstimatorSettings, ExactEstimator, PublishedEstimator
+from eadp.papers.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
 from eadp.papers.forecasting import process_noise as disturbance_noise
 from eadp.papers.forecasting import transition
 
@@ -22,7 +22,6 @@ PERIOD_S = 46.0
 STATE_W = np.array([31.0, 1.5, -0.8, 0.6, 0.4, -0.3, 0.2])
 ROUNDING = 1e-9
 RECOVERED_W = 1e-3
-HELD_GAIN_SHARE = 0.05  # of its own standard deviation that a held gain may move an estimate
 NOISES = EstimatorSettings(learn_noise=False)
 QUIET = replace(NOISES, disturbance_std_w=0.0)
 SIZE = 9  # level, three harmonics, disturbance
@@ -176,24 +175,6 @@ def test_an_update_is_the_textbook_one():
     estimator.observe(1.7, 40.0)
     assert state(estimator) == pytest.approx(after, abs=ROUNDING)
     assert covariance(estimator) == pytest.approx((np.eye(SIZE) - np.outer(gain, ROW)) @ predicted, abs=1e-7)
-
-
-def test_a_gain_that_is_held_is_as_good_as_one_that_is_not(monkeypatch):
-    """Over ten laps, beside the same filter that takes every step."""
-    times, rng = np.arange(0.0, 460.0, 0.1), np.random.default_rng(2)
-    readings = signal_w(times) + 0.5 * rng.standard_normal(len(times))
-    held = ExactEstimator(NOISES, PERIOD_S)
-    for time_s, reading in zip(times, readings, strict=True):
-        held.observe(time_s, reading)
-    assert held._filter._held != STEPPING, "held by now"
-    monkeypatch.setattr("eadp.papers.estimator.SETTLED", 0.0)
-    stepped = ExactEstimator(NOISES, PERIOD_S)
-    for time_s, reading in zip(times, readings, strict=True):
-        stepped.observe(time_s, reading)
-    assert stepped._filter._held == STEPPING
-    spread = np.sqrt(np.diag(covariance(stepped)))
-    assert np.sqrt(np.diag(covariance(held))) == pytest.approx(spread, rel=1e-6)
-    assert (np.abs(state(held) - state(stepped)) / spread).max() < HELD_GAIN_SHARE
 
 
 def test_it_starts_from_the_first_reading_in_the_mean():
@@ -542,18 +523,6 @@ def test_the_published_filter_follows_readings_further_apart(every_s):
     ]
     assert np.median(errors) < 0.3
     assert np.max(np.abs(estimator.state_w)) < 2 * STATE_W[0]
-
-
-def test_the_published_filter_takes_a_gap_in_steps_of_a_hundredth():
-    at_once, by_steps = (PublishedEstimator(EstimatorSettings()) for _ in range(2))
-    for estimator in (at_once, by_steps):
-        estimator.end_lap(40.0)  # a period of 40 s, which does not grow
-        for i in range(1, 101):
-            estimator.observe(40.0 + 0.01 * i, float(signal_w(0.01 * i)))
-    at_once.observe(43.0, None)
-    for i in range(1, 201):
-        by_steps.observe(41.0 + 0.01 * i, None)
-    assert at_once.state_w == pytest.approx(by_steps.state_w, abs=ROUNDING)
 
 
 # --- estimates

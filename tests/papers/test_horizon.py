@@ -347,15 +347,6 @@ def test_levels_of_ten_steps_against_branch_and_bound(cost, count, record_proper
     assert max(gaps) <= EXACT
 
 
-def test_branch_and_bound_is_brute_force():
-    """The oracle of longer horizons, against the oracle of short ones."""
-    rng = np.random.default_rng(12)
-    for i in range(24):
-        found = case(rng, one_computation(rng, SHAPES[i % 3], 4), 4, COSTS[i % 4])
-        best = best_levels(found.horizon().table(found.forecast), found.forecast.soc)[0]
-        assert best == pytest.approx(found.brute_force(), rel=1e-7)
-
-
 def test_a_power_that_falls_is_no_reason_to_give_up():
     """The lowest level is not that of least power: it is the least power that must be admissible."""
     rng = np.random.default_rng(0)
@@ -424,27 +415,6 @@ def test_the_bound_is_that_of_a_linear_program(shape, cost):
         assert best * (1 - 1e-6) <= plan.bound <= best * (1 + 5e-4)
         compared += 1
     assert compared > 6
-
-
-@pytest.mark.parametrize("cost", COSTS)
-def test_solutions_of_a_flight_do_not_depend_on_the_last(cost):
-    """One horizon for instance after instance, each from the last plan, and a new one for each."""
-    rng = np.random.default_rng([11, COSTS.index(cost)])
-    found = easy(cost, steps=10)
-    report = SolverReport()
-    horizon, kept = found.horizon(report), 0
-    for i in range(40):
-        motion = 24.0 + 3.0 * rng.normal(size=10)
-        soc = float((motion.max() + 5.0 + 4.0 * rng.random()) / found.allowed_w(1.0) + 0.02) + (i > 30)
-        found.forecast = HorizonForecast(motion, motion, soc, 1.0, np.array([24.0]), None)
-        plan, fresh = horizon.solve(found.forecast), found.horizon().solve(found.forecast)
-        check_solution(found, plan)
-        assert np.array_equal(plan.chosen, fresh.chosen)
-        assert plan.bound == pytest.approx(fresh.bound, rel=5e-4)
-        kept += plan.kept
-    # with charge for everything, the last solution is proven to be optimal still
-    assert 5 < kept < 15
-    assert report.calls == 40 - kept
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -547,17 +517,6 @@ def test_a_solver_that_is_broken_is_a_failure(broken):
     check_solution(found, horizon.solve(found.forecast))
 
 
-@pytest.mark.parametrize("cost", COSTS)
-def test_nothing_to_gain_is_no_trouble(cost):
-    """A computation whose power is the same at every level, and one with a single level."""
-    flat = ComputationLevels(np.array([1.0]), np.array([3.0]), [(1.0, 2.0, 3.0)], lambda c: 5.0)
-    single = ComputationLevels(np.array([2.0]), np.array([2.0]), [(2.0,)], lambda c: 5.0)
-    for computations in (flat, single):
-        found = easy(cost, soc=0.9)
-        plan = Horizon(computations, found.battery, found.steps, HorizonCost(cost)).solve(found.forecast)
-        assert plan.gap == pytest.approx(0.0, abs=EXACT)
-
-
 # --- the fallback
 
 
@@ -588,12 +547,6 @@ def test_lowered_lowers_by_delta_until_the_constraints_hold():
         assert plan == pytest.approx(np.tile(admissible[0], (4, 1)))
         lowered += admissible[0] != way[0]
     assert lowered > 10
-
-
-def test_lowered_keeps_the_maximum_where_it_is_admissible():
-    found = easy(soc=0.95)
-    plan = found.horizon().lowered(np.array([2.0]), found.forecast)
-    assert plan == pytest.approx(np.full((5, 1), 10.0))
 
 
 def test_where_each_computation_has_one_level_nothing_runs():

@@ -1,7 +1,5 @@
 """Oracle of the horizon's integers: branch and bound over every choice at every step."""
 
-from __future__ import annotations
-
 from bisect import bisect_left, bisect_right
 from functools import cached_property
 

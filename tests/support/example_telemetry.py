@@ -3,8 +3,6 @@
 Run `python tests/support/example_telemetry.py` from anywhere: telemetry once a second, and at the flight's end.
 """
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """Bayesian linear regression, as an oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -370,9 +370,6 @@ class Track:
     def __init__(self, path: PathFunction, end: Point, sense: int) -> None:
         self.path, self._end, self._sense = path, end, sense
 
-    turn_m: float = math.inf
-    """Length of a whole turn [m]; infinite for what does not close."""
-
     def nearest(self, point: Point) -> Point:
         """The point of the path nearest to a point [m]; of a curve, the one that Newton's steps lead to."""
         return project(self.path, point)
@@ -464,7 +461,7 @@ class CircleTrack(Track):
     def __init__(self, path: PathFunction, end: Point, sense: int) -> None:
         super().__init__(path, end, sense)
         self.circle = circle_of(path, end, sense)
-        self.turn_m = 2 * math.pi * self.circle.radius_m
+        self.turn_m = 2 * math.pi * self.circle.radius_m  # the length of a whole turn [m]
 
     def nearest(self, point: Point) -> Point:
         return self.circle.point_at(self.circle.angle_rad(point))

@@ -35,8 +35,6 @@ const blowing = (t) => {
 };
 const windText = (wind) => `${number(Math.hypot(...wind), 3)} m/s` + (Math.hypot(...wind) > 0.05 ? ` from ${Math.round(fromDeg(wind)) % 360}°` : "");
 
-const drawnText = (t) => `${number(at(data.drawn, "ah", t))} Ah`;
-
 // --- charts
 
 const charts = [], waiting = [];
@@ -155,8 +153,7 @@ function buildCharts() {
   const also = data.reserve === null ? [] : [{ label: "reserve", colour: "bad", dash: [7, 4] }];
   if (decisions.soc_end) also.push({ label: "forecast at the cursor, with 95 % at its end", colour: "orange", dash: [5, 4], width: 2 });
   if (data.faults.length) also.push({ label: "sudden loss", colour: "soft", dash: [2, 3] });
-  if (data.drawn) chart("Charge drawn", "Ah", data.drawn.t, [{ label: "charge drawn", colour: "green", y: data.drawn.ah, width: 2 }], { value: (t) => drawnText(t) });
-  else chart("State of charge", "%", data.charge.t, [{ label: "state of charge", colour: "green", y: data.charge.soc.map((soc) => (soc === null ? null : 100 * soc)), width: 2 }],
+  chart("State of charge", "%", data.charge.t, [{ label: "state of charge", colour: "green", y: data.charge.soc.map((soc) => (soc === null ? null : 100 * soc)), width: 2 }],
     { extra: also, draw: drawCharge, range: [0, 104], value: (t) => percent(at(data.charge, "soc", t)) });
   if (data.parameters.length) {
     const colours = ["purple", "blue", "green", "orange", "brown", "sky"];
@@ -567,7 +564,7 @@ function nowText() {
   const [x, y] = [at(path, "x", t), at(path, "y", t)];
   if (x !== null) words.push(`x ${number(x)} m, y ${number(y)} m`);
   if (path.lat) words.push(`${at(path, "lat", t).toFixed(5)}°, ${at(path, "lon", t).toFixed(5)}°`);
-  words.push(`${number(at(data.power, "w", t))} W`, data.drawn ? `${drawnText(t)} drawn` : `charge ${percent(at(data.charge, "soc", t))}`);
+  words.push(`${number(at(data.power, "w", t))} W`, `charge ${percent(at(data.charge, "soc", t))}`);
   if (data.parameters.length) words.push(data.parameters.map((one) => `${one.name} ${number(held(one, t))}`).join(", "));
   if (data.field && data.field.covered) words.push(`${percent(at(data.field.covered, "share", t))} of the field covered`);
   return words.join(" · ");
@@ -649,8 +646,7 @@ function errorsText() {
   const parts = [];
   parts.push(`positions within ${number(path.error.x)} m on each axis, headings within ${number(path.error.heading * 180 / Math.PI, 2)}°`);
   parts.push(`power within ${number(data.power.error.w, 2)} W`);
-  if (data.drawn) parts.push(`charge drawn within ${number(data.drawn.error.ah, 2)} Ah`);
-  else parts.push(`charge within ${number(100 * data.charge.error.soc, 2)} %`);
+  parts.push(`charge within ${number(100 * data.charge.error.soc, 2)} %`);
   const late = Math.max(0, ...[data.stage, data.lap, ...data.parameters].map((one) => one.error_s));
   parts.push(late ? `changes of parameters and stages within ${number(late, 2)} s` : "changes of parameters and stages exactly");
   let text = `Shown with fewer samples than were logged: ${parts.join(", ")}.`;

@@ -1,14 +1,12 @@
 """A flight's folder: the planner's decisions line by line, what was forecast before take-off, the figure with marks."""
 
-from __future__ import annotations
-
 import csv
 import json
 
 import numpy as np
 import pytest
 
-from eadp.api.flight import _copy_inputs, fly_flight, record_row
+from eadp.api.flight import _copy_inputs, fly_flight
 from eadp.api.inputs import load_flight
 from eadp.io.text.streams import Text
 from eadp.papers.estimator import PowerEstimate
@@ -49,13 +47,6 @@ def test_each_decision_is_a_line(written):
     assert (folder / "decisions.jsonl").read_bytes().endswith(b"\n")
 
 
-def test_a_row_keeps_what_is_not_known_as_null(written):
-    record = written["joint"][1].decisions[0]
-    row = record_row(record, ("c1", "c2"))
-    assert (row["home_reachable"], row["point_of_no_return_s"]) == (None, None)
-    assert json.loads(json.dumps(row, allow_nan=False))["home_reachable"] is None
-
-
 def test_inputs_of_one_name_are_all_kept(tmp_path):
     names = [f"{folder}/{'n' * 240}" for folder in "abc"] + ["d/overrides.txt", "e/plan", "f/kind5-x", "<stdin>"]
     kinds = ["plan", "scenario", "profile", *[f"kind{i}" for i in range(3, 7)]]
@@ -85,18 +76,6 @@ def test_the_forecast_of_take_off(written, planner):
     assert sum(stage["time_s"] for stage in kept["stages"]) == pytest.approx(kept["time_s"])
     assert sum(stage["energy_wh"] for stage in kept["stages"]) == pytest.approx(kept["energy_wh"])
     assert set(kept["parameters"]) == {"c1", "c2"}
-
-
-def test_without_a_forecast_there_is_none(root):
-    inputs = load_flight(
-        str(root / "plans/survey.plan"),
-        scenario=str(root / "scenarios/paper-i-dynamic.yaml"),
-        overrides={"time_limit_s": 2},
-    )
-    expected = inputs.preflight()
-    summary = fly_flight(inputs, expected).summary
-    assert (expected is None) == bool(inputs.world.battery.prescribed)
-    assert (summary["energy_forecast"] is None) == (expected is None)
 
 
 def test_the_figure_is_written_with_marks_where_there_are_decisions(written):

@@ -1,7 +1,5 @@
 """The papers' settings in flights: trade-offs in every row, costs, gains and the subroutine; what contradicts them."""
 
-from __future__ import annotations
-
 import pytest
 from common import ROOT
 
@@ -78,25 +76,6 @@ def test_the_papers_costs_gains_and_subroutine_fly():
 def test_settings_that_contradict_the_mission_are_named(key, value, message):
     with pytest.raises(InputError, match=message):
         flown(**{f"planner.paper.{key}": value, "time_limit_s": 1})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("planner", ["paper", "joint"])
-def test_a_trade_off_of_a_stage_holds_in_that_stage_alone(planner):
-    row = {"coefficients": {"c2": -1.0}, "at_least": -4.0, "stages": [2]}
-    keys = {"planner.name": planner, f"planner.{planner}.trade_offs": [row], "battery.capacity_ah": 3.0, "faults": []}
-    if planner == "paper":
-        keys["planner.paper.min_periods"] = 1
-    flight = eadp.simulate(ROOT / "plans/survey.plan", scenario=ROOT / "scenarios/survey.yaml", overrides=keys)
-    began_s, before, found = 0.0, 1, {1: [], 2: [], 3: [], 4: []}
-    for step in flight.steps:
-        if step.stage != before:
-            began_s, before = step.time_s, step.stage
-        # a stage's computations are decided within the second in which it begins
-        if step.time_s > 120 and step.time_s > began_s + 1.5:
-            found[step.stage].append(step.parameters[1])
-    assert max(found[2]) <= 4.0
-    assert min(max(found[stage]) for stage in (1, 3, 4)) > 8.0
 
 
 def test_a_trade_off_of_a_stage_that_the_plan_has_not():

@@ -6,8 +6,6 @@ import csv
 import json
 import pickle
 import re
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -85,16 +83,6 @@ def test_a_keyword_that_does_not_exist_is_refused():
     for function in (library.simulate, library.forecast):
         with pytest.raises(TypeError, match="unexpected keyword argument 'lap'"):
             function(PLAN, lap=1)
-
-
-def test_the_import_alone_imports_nothing_slow():
-    code = (
-        "import sys, eadp; dir(eadp);"
-        "slow = {'numpy', 'sympy', 'scipy', 'osqp', 'matplotlib', 'pydantic', 'yaml', 'typer'} & set(sys.modules);"
-        "sys.exit(str(slow) if slow else 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 def test_a_flight_is_that_of_the_command(eadp, tmp_path):

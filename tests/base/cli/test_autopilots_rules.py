@@ -1,7 +1,5 @@
 """What an autopilot does on its own is the same at every door: export, its parameters, forecast and sorties."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -103,38 +101,3 @@ def test_sorties_end_above_what_makes_the_autopilot_turn_back_and_count_its_retu
         written = eadp("export", out / row["plan"], "--to", to, "--scenario", out / "scenario.yaml", "-o", out / "m")
         assert f", {expected['energy_wh']:.2f} Wh" in written.err
         assert ("turns back by itself unless" in written.err) == (to == "px4")
-
-
-@pytest.mark.slow
-def test_batteries_of_a_plan_are_used_up_to_what_makes_the_autopilot_turn_back(eadp, place):
-    packs = {}
-    for kind in ("none", "px4"):
-        scenario = place / f"{kind}.yaml"
-        scenario.write_text(f"{scenario.read_text()}battery: {{capacity_ah: 0.28}}\n")
-        given = ("--swath", "40", "--altitude", "60", "--home", HOME, "--scenario", scenario, "-o", place / "b.plan")
-        packs[kind] = json.loads(eadp("cover", place / "field.geojson", *given, "--format", "json").out)["batteries"][0]
-        text = eadp("cover", place / "field.geojson", *given).out
-        assert ("before the autopilot turns back" in text) == (kind == "px4")
-    assert packs["none"] < 1 < packs["px4"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("clearance_m", "top_m"), [(35, 50), (5, 50)])
-def test_the_clearance_asked_for_is_that_of_the_way_home_at_every_door(eadp, place, clearance_m, top_m):
-    """The altitude that the plan has is what its forecast and its parameters have; obstacles beside it count alike."""
-    tower = place / "tower.geojson"
-    tower.write_text(tower.read_text().replace('"height": 90', f'"height": {top_m}'))
-    given = ("--swath", "40", "--altitude", "60", "--home", HOME, "--clearance", clearance_m)
-    field, scenario, plan = place / "field.geojson", place / "none.yaml", place / "c.plan"
-    said = eadp("cover", field, *given, "--scenario", scenario, "--avoid", tower, "-o", plan)
-    assert said.code == 0
-    wanted = 60 if top_m + clearance_m <= 60 else top_m + clearance_m
-    assert (f"obstacles at {wanted} m" in said.out) == (wanted > 60)
-    parameters = place / "c.param"
-    writes = ("--to", "ardupilot", "--scenario", scenario, "--parameters", parameters, "-o", place / "c.mission")
-    assert eadp("export", plan, *writes).code == 0
-    assert f"RTL_ALTITUDE,{wanted}\n" in parameters.read_text()
-    assert eadp("cover", field, *given, "--scenario", scenario, "-o", plan).code == 0
-    plan.write_text(eadp("plan", plan, "--avoid", tower).out)
-    assert eadp("export", plan, *writes).code == 0
-    assert f"RTL_ALTITUDE,{wanted}\n" in parameters.read_text()

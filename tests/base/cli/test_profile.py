@@ -54,37 +54,6 @@ def test_outside_is_refused(run: Run, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("at", "starts"),
-    [
-        ("5", ["--at:1:1: error: 5 is no name=value; expected fps=VALUE"]),
-        ("rate=5", ["--at:1:1: error: no parameter rate; expected fps=VALUE"]),
-        ("fps=5,fps=6", ["--at:1:7: error: fps stands twice"]),
-        ("fps=nan", ["--at:1:1: error: fps is nan, not a finite number"]),
-        ("fps=1e999,a=1", ["--at:1:1: error: fps is 1e999"]),
-    ],
-)
-def test_configurations_that_are_refused(run: Run, at: str, starts: list[str]) -> None:
-    code, out, err = run("profile", PEDNET, "--at", at)
-    assert (code, out) == (2, "")
-    found = [line for line in err.splitlines() if line.startswith("--at")]
-    assert len(found) == len(starts)
-    assert all(line.startswith(start) for line, start in zip(found, starts, strict=True))
-
-
-def test_summary_as_text(run: Run, measured: PowerMeasurement) -> None:
-    file = measured("# source: the bench\nfps [1/s],power_w\n2,5\n2,5.5\n10,9\n")
-    code, out, _ = run("profile", file)
-    assert code == 0
-    assert out.splitlines() == [
-        "2 configurations of fps; linear between them",
-        "source: the bench",
-        "fps [1/s]  power [W]  std. dev. [W]  std. error [W]  samples",
-        "        2       5.25           0.35            0.25        2",
-        "       10          9                                       1",
-    ]
-
-
 # the page about it
 
 PAGE = (ROOT / "docs" / "profile.md").read_text(encoding="utf-8")
@@ -98,28 +67,7 @@ def test_the_page_shows_what_comes_out(run: Run, monkeypatch: pytest.MonkeyPatch
         assert run(*shlex.split(command)) == (0, shown, "")
 
 
-def test_the_page_names_every_option(run: Run) -> None:
-    options = set(re.findall(r"--[a-z-]+", run("profile", "--help")[1])) - {
-        "--help",
-        "--output",
-        "--sysfs",
-        "--quiet",
-        "--faults",
-    }
-    assert options <= set(re.findall(r"--[a-z-]+", PAGE))
-
-
 # several files
-
-
-def test_traces_by_option(run: Run, tmp_path: Path) -> None:
-    names = ["run_0.5fps.csv", "run_10fps.csv"]
-    for name, power_w in zip(names, (3, 4), strict=True):
-        (tmp_path / name).write_text(f"100,101,102\n{power_w},1,0\n{power_w},1,0\n", encoding="utf-8")
-    files = [str(tmp_path / name) for name in names]
-    by_option = run("profile", *files, "--config", "fps=0.5", "--config", "fps=10", "--format", "json")
-    assert by_option[0] == 0
-    assert [point["at"] for point in json.loads(by_option[1])["points"]] == [[0.5], [10]]
 
 
 @pytest.mark.parametrize("ending", ["svg", "png"])
@@ -130,16 +78,6 @@ def test_plot(run: Run, tmp_path: Path, ending: str) -> None:
     code, out, err = run("profile", PEDNET, "--plot", str(tmp_path / "model.txt"), "-o", str(tmp_path / "m.yaml"))
     assert (code, out, list(tmp_path.iterdir())) == (2, "", [picture])
     assert "expected a name that ends in .svg or .png" in err
-
-
-def test_model_as_json_is_a_model_itself(run: Run, tmp_path: Path) -> None:
-    code, out, err = run("profile", PEDNET, "--format", "json")
-    document = json.loads(out)
-    assert (code, err, document["schema"]) == (0, "", "eadp.profile/1")
-    told = {"at": [2], "power_w": 5.21438, "std_w": 0, "samples": 1, "standard_error_w": None}
-    assert document["points"][0] == told
-    (tmp_path / "m.json").write_text(out, encoding="utf-8")
-    assert run("profile", str(tmp_path / "m.json"), "--format", "json") == (0, out, "")
 
 
 def test_model_is_written_and_read_back(run: Run, tmp_path: Path) -> None:
@@ -163,6 +101,7 @@ def test_model_is_written_and_read_back(run: Run, tmp_path: Path) -> None:
         (["--names", "a,b"], "--names:1:1: error: 2 names for the parameters fps; expected 1 of them"),
         (["--names", ","], "--names:1:1: error: an empty text is no name"),
         (["--config", "fps=2"], "--config:1:1: error: 1 configurations for 0 files without"),
+        (["--at", "rate=5"], "--at:1:1: error: no parameter rate; expected fps=VALUE"),
         (["--config", "fps=2,4"], "--config:1:1: error: 2 values of fps; expected one"),
         (["--longest", "3"], "--longest:1:1: error: has no effect here; expected it with --measure"),
     ],

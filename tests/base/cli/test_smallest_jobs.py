@@ -49,33 +49,6 @@ def done(eadp):
     return run
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FIELDS)
-def test_a_field_of_one_line_is_covered_with_every_option(done, eadp, tmp_path, name):
-    field, home, landing = field_file(tmp_path, name)
-    profile = tmp_path / "profile.csv"
-    profile.write_text("fps,power_w\n2,5\n10,9\n")
-    for options in (
-        (),
-        ("--home", home),
-        ("--home", home, "--landing", landing, "--altitude", "50"),
-        ("--home", home, "--takeoff", "90", "--altitude", "60"),
-        ("--home", home, "--wind", "5,270", "--lead-in", "20", "--overshoot", "10"),
-        ("--holes", "avoid"),
-        ("--turns-off", "--profile", profile),
-    ):
-        for form in ("plan", "text", "json"):
-            done("cover", field, *SWATH, *options, "--format", form)
-    assert "final approach of " in done("cover", field, *SWATH, "--landing", landing, "--format", "text").out
-    camera = ("--camera", "sony-a6000-20mm", "--altitude", "60", "--side-overlap", "60", "--forward-overlap", "70")
-    done("cover", field, *SWATH[2:], *camera, "--format", "text")
-    for ends in (("--home", home), ("--landing", landing)):
-        out = tmp_path / f"sorties{ends[0]}"
-        wing = ("--vehicle", "vehicles/survey-wing.yaml", "--min-radius", "60", "--swath", "30")
-        done("cover", field, *wing, "--sorties", "auto", *ends, "-o", out)
-    assert eadp("cover", field, *SWATH, "--pattern", "zamboni").code == 1  # too narrow for laps
-
-
 @pytest.mark.parametrize("name", few_rows(((name,) for name in ("a line", "a landing", *PLANS)), 1))
 def test_every_command_on_a_plan_of_one(done, eadp, tmp_path, name):
     plan = tmp_path / "a.plan"

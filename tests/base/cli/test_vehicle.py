@@ -30,14 +30,6 @@ def test_a_name_does_not_command_the_terminal(eadp, tmp_path):
     assert not {"\x1b", "\x9b", "\u202e"} & {*simulated.out, *simulated.err}
 
 
-def test_text(eadp):
-    answer = eadp("vehicle", WING)
-    assert answer.code == 0
-    assert answer.out.startswith("1.2 kg survey wing\n")
-    assert "36.03 W level" in answer.out
-    assert answer.out.count("as it flies") == 3
-
-
 def test_a_range_of_airspeeds_has_energies_a_kilometre(eadp, tmp_path):
     wing = tmp_path / "wing.yaml"
     text = (Path("vehicles") / "foam-wing.yaml").read_text()
@@ -72,14 +64,6 @@ def test_impossible_values_are_a_no(eadp, tmp_path):
     assert answer.code == 1
     assert "cannot fly so: an airspeed of 6 m/s is below the stall's" in answer.out
     assert "cannot fly so: level flight takes" in answer.out
-
-
-def test_papers_aircraft(eadp, tmp_path):
-    path = tmp_path / "v.yaml"
-    path.write_text("schema: eadp.vehicle/1\nairframe: {model: paper}\n")
-    answer = eadp("vehicle", path)
-    assert answer.code == 0
-    assert "stalls" not in answer.out
 
 
 def test_all_powers_of_the_text_count_the_computations(eadp):

@@ -1,11 +1,6 @@
 """Compiled code beside the plain function, and the door to it."""
 
-from __future__ import annotations
-
 import math
-import os
-import subprocess
-import sys
 
 import pytest
 
@@ -48,20 +43,6 @@ def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
     assert jitted is compiled.jitted(outermost)
     assert jitted(3.0) == outermost(3.0) == 7.0
     assert compiled.kept()
-
-
-@fast
-@pytest.mark.slow
-def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
-    code = (
-        "from eadp.core import compiled; import eadp.core.guidance as g; compiled.enable();"
-        "print(compiled.jitted(g.wind_factor)(3.0, 4.0, 3.0, 4.0))"
-    )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": "/proc/nowhere"}
-    answer = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True, env=environment
-    )
-    assert answer.stdout.strip() == "1.0"
 
 
 @fast

@@ -1,10 +1,6 @@
 """Plans that cannot be read, each with the exact error that it must give. tests/regenerate.py rewrites those."""
 
-from __future__ import annotations
-
 import re
-import subprocess
-import sys
 
 import pytest
 from common import ROOT
@@ -58,20 +54,3 @@ def test_each_error_is_the_golden_one_and_has_its_place_in_the_file(monkeypatch)
 def test_the_command_says_it_on_stderr_alone(name, eadp):
     answer = eadp("plan", f"tests/bad/{name}.plan")
     assert (answer.code, answer.out, answer.err) == (2, "", golden(name))
-
-
-def test_the_script_rewrites_what_stands_here(tmp_path):
-    (tmp_path / "tests").mkdir()
-    (tmp_path / "tests" / "bad").mkdir()
-    script = (ROOT / "tests" / "regenerate.py").read_text(encoding="utf-8")
-    (tmp_path / "tests" / "regenerate.py").write_text(script, encoding="utf-8")
-    for name in PLANS:
-        (tmp_path / "tests" / "bad" / f"{name}.plan").write_bytes((BAD / f"{name}.plan").read_bytes())
-    subprocess.run([sys.executable, "tests/regenerate.py"], check=True, cwd=tmp_path)
-    for name in PLANS:
-        assert (tmp_path / "tests" / "bad" / f"{name}.expected").read_text(encoding="utf-8") == golden(name)
-    (tmp_path / "tests" / "bad" / "good.plan").write_text("1; 90; x\n0, 0\n", encoding="utf-8")
-    answer = subprocess.run(
-        [sys.executable, "tests/regenerate.py"], check=False, cwd=tmp_path, capture_output=True, text=True
-    )
-    assert (answer.returncode, answer.stdout) == (1, "tests/bad/good.plan can be read\n")

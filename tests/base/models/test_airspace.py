@@ -1,7 +1,5 @@
 """Where a flight was that it should not have been: against sampling, without shapely."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -66,23 +64,6 @@ def test_a_track_along_an_edge_is_free():
     airspace = Airspace((Obstacle(SQUARE, "barn"),), (ROOM,))
     assert airspace.entries([0.0, 1.0], [(10.0, -50.0), (10.0, 50.0)], [0.0, 0.0]) == []
     assert airspace.entries([0.0, 1.0], [(-50.0, -50.0), (-50.0, 50.0)], [0.0, 0.0]) == []
-
-
-def test_entries_come_by_time():
-    east = tuple((x + 100.0, y) for x, y in SQUARE)
-    airspace = Airspace((Obstacle(east, "east"), Obstacle(SQUARE, "west")))
-    found = airspace.entries([0.0, 1.0, 2.0], [(0.0, 15.0), (60.0, 15.0), (150.0, 15.0)], [0.0] * 3)
-    assert [(each.name, each.entered_s) for each in found] == [("west", 0.0), ("east", 1.0)]
-    assert found[0].reason == "entered west at 0.0 s"
-
-
-def test_ten_thousand_obstacles():
-    small = [tuple((x / 20 + 3 * i, y / 20 + 3 * j) for x, y in SQUARE) for i in range(100) for j in range(100)]
-    airspace = Airspace(tuple(Obstacle(ring, str(k)) for k, ring in enumerate(small)))
-    track = [(0.0, 0.75 + 3 * j) for j in (0, 1)] + [(300.0, 3.75)]
-    found = airspace.entries([0.0, 1.0, 2.0], track, [0.0] * 3)
-    assert len(found) == 100
-    assert sum(each.inside_m for each in found) == pytest.approx(100 * 0.5, rel=0.01)
 
 
 def test_the_top_on_the_ways_home_is_of_obstacles_that_are_crossed():

@@ -1,7 +1,5 @@
 """An autopilot's own rules, by its parameters."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -33,11 +31,6 @@ def test_columns_are_found_by_name():
     assert computing.power_w((10, 32), sets) == 5.0
     assert computing.power_w((2, 448), sets) == 2.0
     assert computing.levels(0, Box(2, 5)) == (2, 3, 4, 5)
-
-
-def test_without_names_columns_go_in_order():
-    computing = join_profile(plan("", "[32, 448]\n[2, 10]\n"), GRID)
-    assert computing.power_w((448, 2), (Box(32, 448), Box(2, 10))) == 2.0
 
 
 def test_inhibited_computations_cost_nothing_and_are_not_looked_up():
@@ -82,15 +75,6 @@ def test_the_ends_of_the_sets():
     assert join_profile(off, ONE).extreme(off, "lo") == (5.0, {"c1": 4.0}), "not the stage on which it may not run"
     none = plan("", "[0, 0]\n")
     assert join_profile(none, None).extreme(none, "hi") == (0.0, {"c1": 0.0})
-
-
-def test_a_power_is_that_of_the_sets_as_they_are():
-    computing = join_profile(plan("", "[2, 10]\n", "[0, 0]\n"), ONE)
-    sets = [Box(2, 10)]
-    assert computing.power_w((6,), sets) == 6.0
-    sets[0] = Box(0, 0)
-    assert computing.power_w((6,), sets) == 0.0
-    assert pickle.loads(pickle.dumps(computing)).power_w((6,), [Box(2, 10)]) == 6.0
 
 
 @pytest.mark.parametrize("sets", ["", "[0, 0]\n[0, 0]\n"])

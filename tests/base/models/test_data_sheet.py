@@ -1,7 +1,5 @@
 """Aircraft by their data sheets: beside published ones, beside polars, and how well what follows is known."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

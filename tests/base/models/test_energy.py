@@ -7,8 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from eadp.measure.power import energy_model
-from eadp.measure.spectrum import Spectrum
 from eadp.models.energy import EnergyModel, Harmonic
 
 PERIOD_S = 46.05
@@ -56,31 +54,3 @@ def test_without_a_period_there_is_the_mean() -> None:
     assert (model.periodic, model.order, model.coefficients.a, model.coefficients.b) == (False, 0, (), ())
     assert model.power_w([0.0, 1.0]).tolist() == [73.0, 73.0]
     assert model.state_w(2).tolist() == [73.0, 0, 0, 0, 0]
-
-
-def spectrum(periodic: bool) -> Spectrum:
-    return Spectrum(
-        period_s=46.0,
-        period_std_s=0.1,
-        mean_w=36.0,
-        mean_std_w=0.02,
-        amplitude_std_w=np.array([0.1] if periodic else []),
-        amplitude_w=np.array([2.0] if periodic else []),
-        phase_rad=np.array([0.5] if periodic else []),
-        noise_std_w=0.4,
-        cv_r2=0.9,
-        chance=1e-9,
-        samples=500,
-        span_s=250.0,
-        range_s=(1.0, 125.0),
-    )
-
-
-def test_model_of_an_analysis() -> None:
-    assert energy_model(spectrum(True)) == EnergyModel(
-        46.0, 36.0, (Harmonic(2.0, 0.5),), 0.4, 0.1, 0.9, 500, 250.0, 0.02, (0.1,)
-    )
-
-
-def test_a_period_that_does_not_count_is_left_out() -> None:
-    assert energy_model(spectrum(False)) == EnergyModel(None, 36.0, (), 0.4, None, 0.9, 500, 250.0, 0.02)

@@ -1,7 +1,5 @@
 """The field of a coverage problem."""
 
-from __future__ import annotations
-
 from eadp.models.airspace import Field
 
 

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from eadp.errors import Infeasible
 from eadp.models.profile import LEVELS_LIMIT, Profile
 
-ROUNDING_W = 1e-9
-
 
 def profile(power_by_fps: dict[float, float]) -> Profile:
     points = np.array([[fps] for fps in power_by_fps], dtype=float)
@@ -86,12 +84,6 @@ def test_levels_of_one_value_and_of_none() -> None:
     assert PEDNET.levels(0, 5, 4) == ()
 
 
-def test_levels_of_the_second_parameter() -> None:
-    grid = Profile(("fps", "scale"), ("", ""), np.array([[2, 0], [2, 1.5], [4, 0], [4, 1.5]]), np.array([1, 2, 2, 3]))
-    assert grid.levels(0, 2, 4) == (2, 3, 4)
-    assert grid.levels(1, 0, 2) == (0, 1.5)
-
-
 def test_too_many_levels() -> None:
     with pytest.raises(Infeasible, match="whole steps"):
         PEDNET.levels(0, 0, LEVELS_LIMIT)
@@ -119,14 +111,6 @@ def test_monotone_power_has_no_findings(powers_w: list[float]) -> None:
     assert profile(dict(zip([1, 2, 3, 4], powers_w, strict=True))).findings() == ()
 
 
-def test_power_that_falls_and_rises_is_found_and_kept() -> None:
-    landing = profile({0.5: 3.33004, 1: 3.32834, 2: 3.32326, 10: 3.46297})
-    (finding,) = landing.findings()
-    assert finding.point == 2
-    assert "falls to 3.32326 W at fps=2 and rises after it" in finding.message
-    assert landing.power_w_at((2.0,)) == 3.32326
-
-
 def test_a_plateau_at_the_top_is_found_at_its_end() -> None:
     (finding,) = profile({1: 1, 2: 3, 3: 3, 4: 2}).findings()
     assert finding.point == 2
@@ -138,9 +122,3 @@ def test_a_turn_along_one_parameter_names_the_others() -> None:
     turning = Profile(("fps", "keysize"), ("", ""), points, np.array([1.0, 2, 2, 5, 3, 4]))
     (finding,) = turning.findings()
     assert "not monotone in fps at keysize=448: it rises to 5 W at fps=2" in finding.message
-
-
-def test_neighbours_in_both_parameters_are_not_compared() -> None:
-    # power rises with fps and falls with keysize: monotone along each
-    points = np.array([[a, b] for a in (1, 2) for b in (32, 448)])
-    assert Profile(("fps", "keysize"), ("", ""), points, np.array([2.0, 1, 4, 3])).findings() == ()

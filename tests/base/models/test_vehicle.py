@@ -1,13 +1,11 @@
 """Aircraft models: speeds, powers and faults, worked by hand."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import pytest
 
-from eadp.models.vehicle import AIRFRAMES, FixedWing, PaperVehicle, PowerCurve
+from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 
 # 1 N of weight, ½ ρ S = 0.5: q S = 0.5 V²
 WING = FixedWing(
@@ -94,8 +92,3 @@ def test_faults_of_a_power_curve(changes, words):
     faults = replace(CURVE, **changes).faults()
     assert len(faults) == len(words)
     assert all(word in fault for word, fault in zip(words, faults, strict=True))
-
-
-def test_models_by_name():
-    assert list(AIRFRAMES.values()) == [FixedWing, PaperVehicle, PowerCurve]
-    assert all(airframe().model == name for name, airframe in AIRFRAMES.items())

@@ -1,7 +1,5 @@
 """The wind's vector from where it comes, or goes."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

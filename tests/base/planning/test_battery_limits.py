@@ -1,9 +1,6 @@
-"""Limits of the battery's power in flights: kept to, named, and absent by default."""
-
-from __future__ import annotations
+"""Limits of the battery's power in flights: kept to, and named."""
 
 import pytest
-from common import few_rows
 
 from eadp.api.flight import fly_flight
 from eadp.api.inputs import load_flight
@@ -17,30 +14,6 @@ def flown(plan, profile=None, **keys):
 
 def survey(root):
     return str(root / "plans/survey.plan"), str(root / "profiles/pednet-jetson-nano.yaml")
-
-
-@pytest.fixture
-def field(eadp, tmp_path):
-    path = tmp_path / "field.plan"
-    flags = "--min-radius", 30, "--swath", 30, "--pattern", "zamboni", "-o", path
-    assert eadp("cover", "plans/meadow.geojson", *map(str, flags)).code == 0
-    return str(path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("keys", "quality"), few_rows([({"capacity_ah": 0.7}, 0.6), ({"voltage_v": 22.2, "capacity_ah": 5}, 0.99)], 1)
-)
-def test_ordinary_packs_cover_a_field(field, keys, quality):
-    flight, expected = flown(field, **{f"battery.{key}": value for key, value in keys.items()})
-    assert expected.feasible
-    assert expected.forecast.completes_probability > 0.99
-    assert flight.summary["completed"]
-    assert flight.summary["reserve_kept"]
-    assert flight.summary["quality"] > quality
-    assert flight.summary["solver"]["infeasible"] == 0
-    assert flight.summary["battery_limit"] is None
-    assert not any(record.battery_limit for record in flight.decisions)
 
 
 SURVEY = {

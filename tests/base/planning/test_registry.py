@@ -1,7 +1,5 @@
 """Planners from their observations alone: what they decide, when, and what they fall back to."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from dataclasses import replace
@@ -25,7 +23,7 @@ from eadp.models.vehicle import FixedWing, PowerCurve
 from eadp.papers.horizon import Horizon
 from eadp.papers.planner import PaperPlanner, PaperSettings, _coverage
 from eadp.papers.power import _nominal_lap_s
-from eadp.planning.base import Mission, PlannerSettings, Readings, TradeOff
+from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.registry import PLANNERS, Planner, make_flight, planner_class
 
@@ -85,21 +83,6 @@ def test_static_never_changes_and_forecasts():
     pilot.take(observation(31.0))
     assert pilot.power.estimates([31.0])[0] == pytest.approx([36.0], abs=0.05)
     assert pilot.report.replans == 0
-
-
-def test_readings_are_taken_as_often_as_the_sensor_has_them():
-    pilot = planner()
-    state = pilot.state
-    pilot.take(observation(1.0, power_w=30.0))
-    assert state.next_reading_s == pytest.approx(1.1)
-    pilot.take(observation(1.05, power_w=90.0))
-    assert pilot.power.estimates([1.05])[0] == pytest.approx([30.0])
-    assert state.next_reading_s == pytest.approx(1.1)
-    zeros = [0.0] * 3
-    state.ingest(Readings([1.1, 1.15, 1.2], zeros, zeros, [30.0] * 3, [1.0] * 3, zeros, zeros, zeros, zeros))
-    assert state.next_reading_s == pytest.approx(1.3)
-    state.observe(observation(1.3, power_w=30.0))
-    assert state.next_reading_s == pytest.approx(1.4)
 
 
 def test_it_replans_every_so_often_from_when_it_may_start():
@@ -164,17 +147,6 @@ def test_time_to_an_empty_battery_is_the_integral_of_the_model():
     assert pilot._time_to_reserve_s(o._replace(soc=0.1), 0.0) == 0.0
 
 
-def test_time_to_the_reserve_of_a_battery_whose_voltage_falls():
-    """Against the energy between two charges at a mean current: V(b) = 12.8 + 4 b, 0.9 to 0.3, without resistance."""
-    battery = Battery(16.8, 0.0, 3.2, 1 / 3600, 1.0, None, voltage_empty_v=12.8)
-    pilot = planner(settings=replace(SETTINGS, reserve_soc=0.3), battery=battery)
-    run(pilot, 20)
-    # ∫ V db = (12.8 · 0.6 + 2 (0.9² − 0.3²)) V of 3.2 Ah, at 36 W
-    expected_s = (12.8 * 0.6 + 2 * (0.81 - 0.09)) * 3.2 * 3600 / 36.0
-    o = observation(20.0, soc=0.9)
-    assert pilot._time_to_reserve_s(o, 0.0) == pytest.approx(expected_s, rel=0.01)
-
-
 def test_time_to_an_empty_battery_follows_a_periodic_power():
     """Readings of a level and a harmonic of the lap's period: the closed form against a plain sum of seconds."""
     pilot = planner()
@@ -227,16 +199,6 @@ def test_the_largest_path_that_fits_just_fits():
     t_b = pilot._time_to_reserve_s(o, 0.0)
     assert -1000 < decision.parameters[0] < 0
     assert pilot._remaining_s(decision.parameters, 10.0, pilot._coverage) == pytest.approx(t_b, abs=0.01)
-
-
-def test_largest_without_raising_only_lowers():
-    settings = replace(OWN, path_rule="largest", raise_path=False)
-    assert [v[0] for _, v in run(planner(settings, parameters=(-900.0, 10.0)), 5)] == [-900.0]
-
-
-def test_nothing_fits_takes_the_lowest():
-    pilot = planner(replace(OWN, path_rule="largest"))
-    assert run(pilot, 3, soc=lambda t: 0.05)[-1][1][0] == -1000.0
 
 
 def test_the_output_constraint_limits_the_computations():
@@ -347,17 +309,6 @@ def test_levels_of_the_settings_are_kept_to():
     assert run(pilot, 3)[-1][1][1] == 5.0
 
 
-def test_trade_offs_between_computations_and_the_path_are_kept():
-    """c2 may be at most 10 + c1/200: rows R c − r ≥ 0 over all parameters."""
-    row = TradeOff({"c1": 1 / 200, "c2": -1.0}, -10.0)
-    settings = replace(OWN, trade_offs=(row,), raise_path=False)
-    pilot = planner(settings, parameters=(-900.0, 10.0))
-    decision = None
-    for k in range(1, 20):
-        decision = pilot.take(observation(0.1 * k, parameters=(-900.0, 10.0)))
-    assert decision.parameters[1] == 5.0, "10 − 4.5, and whole"
-
-
 @pytest.mark.parametrize("cost", ["control", "power", "quadratic", "output"])
 @pytest.mark.parametrize("horizon_s", [6.0, "period"])
 def test_every_cost_and_horizon_takes_what_is_free(cost, horizon_s):
@@ -413,14 +364,6 @@ def test_gains_step_the_level_when_the_path_changes():
         assert pilot.power.estimator.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
     longer = pilot._time_to_reserve_s(observation(20.2), pilot._gained_w((-1000.0,)))
     assert longer > pilot._time_to_reserve_s(observation(20.2), pilot._gained_w((-500.0,)))
-
-
-def test_a_sensor_without_readings_is_lived_with():
-    pilot = planner()
-    for k in range(1, 50):
-        power = 36.0 if k < 20 else None
-        pilot.take(observation(0.1 * k, power_w=power))
-    assert pilot.power.estimates([4.9])[0] == pytest.approx([36.0], abs=0.1)
 
 
 def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():

@@ -1,7 +1,5 @@
 """The aircraft: against a transcription of the published step, and against physics where it claims any."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -99,12 +97,6 @@ def test_one_normalised_gain_serves_lines_and_circles(path, sense, start):
     assert max(off) < 0.5
 
 
-def test_at_the_centre_of_a_circle_the_heading_is_kept():
-    s = state_of(PaperVehicle(), STILL, (0.0, 0.0), 1.0, 25.0)
-    fly_step(s, constants_of(PaperVehicle(), Guidance(), Wind(), 0.01), CIRCLE(0.0, 0.0), 0.006, 1, 0.0, 0.0)
-    assert s[HEADING] == 1.0
-
-
 @pytest.mark.parametrize("turns", [-3, -1, 0, 1, 2])
 @pytest.mark.parametrize("heading", [-3.14, -0.5, 0.0, 3.0, math.pi])
 def test_a_heading_stays_within_a_turn(heading, turns):
@@ -137,7 +129,3 @@ def test_gusts_have_their_spread_and_their_time():
     lag = 20  # 2 s
     assert np.mean(gust[lag:] * gust[:-lag]) / gust.var() == pytest.approx(math.exp(-1), abs=0.03)
     assert abs(np.corrcoef(samples.T)[0, 1]) < 0.03
-
-
-def test_the_steady_wind_blows_where_it_is_said_to():
-    assert Wind(5.0, 180.0).steady_mps == pytest.approx((0, 5), abs=1e-12)

@@ -1,7 +1,5 @@
 """The battery drained in flight, beside the differential equation solved by scipy."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -55,11 +53,6 @@ def test_the_charge_follows_its_equation(empty_v):
 
     expected = solve_ivp(slope, (0, 600), [0.95], rtol=1e-9, atol=1e-12).y[0, -1]
     assert drained(battery, power, 600)[0] == pytest.approx(expected, abs=2e-6)
-
-
-def test_a_voltage_that_falls_empties_the_battery_sooner():
-    flat, falling = Battery(16.8, capacity_ah=0.1), Battery(16.8, capacity_ah=0.1, voltage_empty_v=12.0)
-    assert drained(falling, lambda _t: 40.0, 60) < drained(flat, lambda _t: 40.0, 60)
 
 
 def test_a_battery_that_sags_below_what_is_drawn_says_so():

@@ -1,7 +1,5 @@
 """Flights by the inner loop: compiled beside plain, whatever the lengths of its runs."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import replace
@@ -125,14 +123,6 @@ def drawn(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
     same(flown(drawn(seed), on=True), flown(drawn(seed)))
-
-
-@pytest.mark.slow
-@fast
-@pytest.mark.parametrize("scenario", ["paper-i-dynamic", "paper-drained"])
-def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_compiled):
-    file = str(ROOT / f"scenarios/{scenario}.yaml")
-    same(*(flown({"time_limit_s": 120.0}, scenario=file, on=on) for on in (True, False)))
 
 
 @pytest.mark.quick(1)

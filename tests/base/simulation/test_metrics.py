@@ -62,14 +62,6 @@ def test_time_without_a_choice_is_left_out():
     assert log.mean(1) == pytest.approx(2.0), "the mean of the value counts all the time"
 
 
-def test_no_free_parameter_no_quality():
-    plan, _ = read_plan(Text("p", "0.1; 90; x\n0, 400\n[10, 10]\n"))
-    log = ParameterLog(plan, cursor_at(10.0, plan=plan), START)
-    log.close(5.0)
-    assert log.quality({}) is None
-    assert log.paper_metric(0.5) is None
-
-
 def test_a_weight_of_nothing_that_is_free_gives_no_quality():
     assert logged().quality({"c1": 0.0, "c2": 0.0}) is None
 

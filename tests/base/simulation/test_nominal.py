@@ -1,19 +1,15 @@
 """Paths that bend tighter than the aircraft can turn: forecast as they are flown, and named."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import eadp
-from eadp.api.flight import fly_flight
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.plan.trace import whole_route
 from eadp.planning.base import FlownLegs
-from eadp.simulation.loop import TIME_LIMIT
 from eadp.simulation.nominal import NominalFlight, Overshoot, overshoot_findings
 
 HOME = (47.0, 8.0)
@@ -28,15 +24,6 @@ SHARP = [
     (0.0, 200.0),
 ]
 WIDE = [(600.0, 0.0), (600.0, 400.0), (0.0, 400.0)]
-CIRCLED = [
-    (270.47, -54.67),
-    (131.79, -173.74),
-    (133.83, -173.32),
-    (132.63, -181.0),
-    (141.36, -179.83),
-    (136.38, -194.92),
-    (-79.35, -245.81),
-]
 WINDS = [{}, {"wind.speed_mps": 5.0, "wind.from_deg": 250.0}]
 
 
@@ -126,17 +113,6 @@ def test_of_many_turns_the_worst_are_named_and_the_others_counted():
         (6, "5 more turns tighter than the aircraft's, each with less delay"),
     ]
     assert len(overshoot_findings(overshoots[:4], 3)) == 4  # one is named in its own line as well as counted
-
-
-@pytest.mark.slow
-def test_turns_that_are_never_got_past_are_named_and_have_no_forecast(tmp_path):
-    inputs = load_flight(mission(tmp_path, CIRCLED), overrides={"time_limit_s": 1000, "step_s": 0.05})
-    assert inputs.preflight() is None
-    (stuck,) = [fault.message for fault in inputs.warnings if "circles, and never gets past it" in fault.message]
-    assert stuck.startswith(f"{inputs.never_past}: ")
-    summary = fly_flight(inputs).summary
-    assert summary["reason"] == TIME_LIMIT
-    assert (summary["energy_forecast"], summary["never_past"]) == (None, inputs.never_past)
 
 
 def test_what_can_be_followed_is_left_as_it_is(tmp_path):

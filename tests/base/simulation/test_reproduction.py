@@ -3,8 +3,6 @@
 Source of the figures: the letter's published flights; docs/reproduction.md lists them beside ours.
 """
 
-from __future__ import annotations
-
 import ast
 import csv
 import itertools

@@ -1,7 +1,5 @@
 """A wind that changes in flight."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -35,12 +33,6 @@ def test_components_are_linear_between_rows():
         assert wind.steady_at_mps(time_s) == pytest.approx(expected, abs=1e-12)
     assert wind.steady_mps == pytest.approx((3.0, 0.0), abs=1e-12)
     assert wind.speeds_mps == (0.0, 5.0)
-
-
-@pytest.mark.slow
-def test_a_profile_of_one_row_is_a_steady_wind():
-    still = flown(None, **{"wind.speed_mps": 5, "wind.from_deg": 180, "time_limit_s": 150})
-    assert flown([[0, 5, 180]], time_limit_s=150).steps == still.steps
 
 
 def test_until_it_changes_the_flight_is_the_same():
@@ -114,14 +106,3 @@ def test_one_way_to_give_the_wind_removes_the_other(eadp):
         json.loads(eadp("simulate", SURVEY, *short, *given).out) for given in (profile, speed, (*profile, *speed))
     ]
     assert len({flight["distance_m"] for flight in flights}) == 1
-
-
-@pytest.mark.slow
-def test_a_sweep_varies_it(eadp, tmp_path):
-    sweep = tmp_path / "sweep.yaml"
-    winds = "[[[0, 2, 180]], [[0, 2, 180], [60, 8, 180]]]"
-    sweep.write_text(f"schema: eadp.sweep/1\nplan: {SURVEY}\nscenario: {SCENARIO}\ngrid: {{wind.profile: {winds}}}\n")
-    rows = eadp(
-        "sweep", sweep, "--jobs", "1", "--set", "planner.name=static", "--set", "step_s=0.05", "--format", "csv"
-    ).out.splitlines()
-    assert len(rows) == 3

@@ -1,7 +1,5 @@
 """What a command line answered."""
 
-from __future__ import annotations
-
 
 def refused(answer, *words):
     """One clear error, exit 2, nothing on stdout."""

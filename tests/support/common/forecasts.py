@@ -1,7 +1,5 @@
 """What is known before take-off, routes from there, and evaluators: forecasts without a flight."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from common import ROOT

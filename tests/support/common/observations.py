@@ -1,7 +1,5 @@
 """Observations made by hand."""
 
-from __future__ import annotations
-
 import math
 
 from eadp.models.plan.cursor import PlanCursor

@@ -1,7 +1,5 @@
 """A field on a ground that is a function of the place, and how it is flown."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eadp.core.geometry.geodesy import to_local_m

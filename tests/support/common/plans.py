@@ -1,10 +1,25 @@
 """Plan texts."""
 
+from functools import lru_cache
 from pathlib import Path
 
 from place import ORIGIN
 
 from common import ROOT
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import Text, read_text
+from eadp.models.plan.plan import Plan
+
+
+def plan_of(text: str) -> Plan:
+    """The plan of a text."""
+    return read_plan(Text("p", text))[0]
+
+
+@lru_cache
+def survey() -> Plan:
+    """The shipped survey."""
+    return read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
 
 
 def placed(text: str) -> str:
@@ -126,3 +141,31 @@ APPENDIX = """\
 APPENDIX_RIGHT = APPENDIX.format(sign="-", fifth="(x+2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1")
 APPENDIX_PRINTED = APPENDIX.format(sign="+", fifth="(x-sqrt(4900+c1)+105)^2+(y-147)^2-4900+c1")
 """Draft 002's Appendix II, as corrected and with its misprints."""
+
+SHORT = """\
+%: computations fps
+init:
+n = 4
+left = -115, 150 - 2*sqrt(4900 + c1)
+right = 35, 150 - 2*sqrt(4900 + c1)
+path:
+0.006; 90; (x - left - sqrt(4900 + c1))^2 + (y - 146)^2 - 4900 - c1
+left, 146
+[-1000, 0]
+[2, 10]
+0.1; 270; x - left
+left, 0
+[-1000, 0]
+[2, 10]
+0.006; 90; (x - left - 75)^2 + y^2 - 75^2
+right, 0
+[-1000, 0]
+[2, 10]
+0.1; 90; x - right
+right, 146
+[-1000, 0]
+[2, 10]
+trig:
+180, 146
+"""
+"""Laps on a circle, in the short form."""

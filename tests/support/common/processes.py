@@ -1,7 +1,5 @@
 """Processes of their own."""
 
-from __future__ import annotations
-
 import signal
 
 

@@ -1,7 +1,5 @@
 """A planner that is watched."""
 
-from __future__ import annotations
-
 
 class Recorder:
     """Passes everything on to a planner, and keeps what it is shown and what it decides.

@@ -1,7 +1,5 @@
 """A cursor that is moved by hand, and the routes from where it is."""
 
-from __future__ import annotations
-
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.route import RoutePredictor
 

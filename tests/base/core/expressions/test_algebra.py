@@ -1,7 +1,5 @@
 """What is given to sympy, and what is not: the limits that keep it short."""
 
-from __future__ import annotations
-
 import pytest
 import sympy
 from hypothesis import given, target

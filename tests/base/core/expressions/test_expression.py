@@ -1,19 +1,15 @@
 """Expressions as data: grammar, canonical text, values, limits, and that nothing in a text is ever run."""
 
-from __future__ import annotations
-
 import ast
 import math
 import operator
 import pickle
-import subprocess
-import sys
 
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from eadp.core.expressions.algebra import from_sympy, is_zero, simplified, to_sympy
+from eadp.core.expressions.algebra import from_sympy, is_zero, simplified
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import (
     CONSTANT_LIMIT,
@@ -23,20 +19,13 @@ from eadp.core.expressions.tree import (
     LENGTH_LIMIT,
     NESTING_LIMIT,
     SIZE_LIMIT,
-    Call,
     Expression,
-    Negative,
-    Number,
-    Power,
-    Product,
-    Sum,
     Symbol,
     constant,
     difference,
     number_text,
     scaled,
     substituted,
-    to_text,
     total,
 )
 from eadp.errors import ExpressionError, PathUndefined
@@ -157,33 +146,6 @@ def longer_text(shorter):
 
 texts = st.recursive(st.one_of(numerals, words), longer_text, max_leaves=12)
 
-values = st.one_of(
-    st.integers(0, 20).map(float),
-    st.floats(0, 1e6, allow_nan=False),
-    st.sampled_from([5e-324, 1e-300, 1e15, 1e16, 1e300, 0.1, 4900.0]),
-)
-leaves = st.one_of(values.map(Number), st.sampled_from(["x", "y", "pi", "c1", "c2", "c999"]).map(Symbol))
-
-
-def larger_tree(smaller):
-    rest = st.lists(st.tuples(st.booleans(), smaller), min_size=1, max_size=3)
-    chain = st.tuples(smaller, rest).map(lambda parts: ((False, parts[0]), *parts[1]))
-    calls = st.one_of(
-        st.tuples(st.sampled_from(ONE_ARGUMENT), st.tuples(smaller)),
-        st.tuples(st.sampled_from(SEVERAL_ARGUMENTS), st.tuples(smaller, smaller)),
-        st.tuples(st.sampled_from(["min", "max"]), st.tuples(smaller, smaller, smaller)),
-    )
-    return st.one_of(
-        chain.map(Sum),
-        chain.map(Product),
-        smaller.map(Negative),
-        st.tuples(smaller, smaller).map(lambda parts: Power(*parts)),
-        calls.map(lambda parts: Call(*parts)),
-    )
-
-
-trees = st.recursive(leaves, larger_tree, max_leaves=15)
-
 
 # --- grammar ----------------------------------------------------------------------------------------------------------
 
@@ -191,19 +153,9 @@ trees = st.recursive(leaves, larger_tree, max_leaves=15)
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("2+3*4", 14),
         ("2-3-4", -5),
-        ("24/4/3", 2),
         ("2^3^2", 512),
-        ("2**3**2", 512),
-        ("(2^3)^2", 64),
         ("-2^2", -4),
-        ("(-2)^2", 4),
-        ("2^-2", 0.25),
-        ("--2", 2),
-        ("3*10^3", 3000),
-        ("1e3", 1000),
-        (".5", 0.5),
         ("2pi", 2 * math.pi),
         ("3(1+1)", 6),
         ("(1+1)(2+3)", 10),
@@ -215,13 +167,9 @@ trees = st.recursive(leaves, larger_tree, max_leaves=15)
         ("2exp(0)", 2),  # not the start of 2e…
         ("sqrt (16)", 4),
         ("atan2(1, -1)", 3 * math.pi / 4),
-        ("min(3, 1, 2)", 1),
-        ("max(3,1,2)", 3),
-        ("log(exp(2))", 2),
         ("acos(-1)+asin(1)+atan(1)", 1.75 * math.pi),
         ("0^0", 1),
         (" \t2\n+ 2 ", 4),
-        ("x*c1+y/c2", 1.25 * 3 - 2.5 / 0.75),
     ],
 )
 def test_value_worked_by_hand(text, value):
@@ -233,31 +181,19 @@ def test_value_worked_by_hand(text, value):
     [
         ("", 0),
         ("2 3", 2),
-        ("x y", 2),
-        ("x2", 0),
         ("(x)2", 3),
         ("pi(2)", 0),
-        ("1.5.2", 3),
         ("x+", 2),
-        ("x*/y", 2),
         ("()", 1),
-        ("(x", 2),
-        ("x)", 1),
         ("x,y", 1),
         ("sqrt", 4),
-        ("sqrt()", 5),
         ("1+sqrt(1,2)", 2),
-        ("atan2(1, 2, 3)", 0),
         ("1+max(x)", 2),
         ("sin(x,)", 6),
         ("c0", 0),
-        ("c1000", 0),
         ("1 + C1", 4),
-        ("x + radius", 4),
         ("2e", 1),
         ("x ** * 2", 5),
-        ("x ^^ 2", 3),
-        ("[x]", 0),
         ("x // 2", 3),
         ("１", 0),  # a digit that is none of the ten
         ("4900−c1", 4),  # the minus sign of print
@@ -275,12 +211,6 @@ def test_the_message_says_what_and_the_expectation_what_else():
     assert "sqrt" in error_of("root(2)").expected
     assert error_of("x\x1b[2J").message == "unexpected character '\\x1b'"
     assert len(error_of("z" * 5000).message) < 100
-
-
-def test_further_names_are_symbols():
-    expression = read_expression("left - 2left + c3", {"left"})
-    assert expression.names == {"left", "c3"}
-    assert expression.offsets == {"left": 0, "c3": 15}
 
 
 def test_names_and_offsets():
@@ -320,21 +250,13 @@ def test_values_are_those_of_pythons_own_parser(text):
         with pytest.raises((ExpressionError, PathUndefined)):
             value_of(text)
         return
-    if read_unless_limited(text) is not None:
+    expression = read_unless_limited(text)
+    if expression is not None:
         assert value_of(text) == pytest.approx(wanted, rel=SAME_VALUE, abs=SAME_VALUE)
+        assert read_expression(expression.text).node == expression.node
 
 
 # --- canonical text ---------------------------------------------------------------------------------------------------
-
-
-@given(trees)
-def test_reading_the_text_of_a_tree_gives_the_tree(tree):
-    text = to_text(tree)
-    assume(len(text) <= LENGTH_LIMIT)
-    expression = read_unless_limited(text)
-    if expression is not None:
-        assert expression.node == tree
-        assert expression.text == text
 
 
 @pytest.mark.parametrize(
@@ -342,14 +264,9 @@ def test_reading_the_text_of_a_tree_gives_the_tree(tree):
     [
         ("(x+45)^2+(y-146)^2-4900-c1", "(x + 45)^2 + (y - 146)^2 - 4900 - c1"),
         ("3(x-1)(y)", "3*(x - 1)*y"),
-        ("((x))", "x"),
-        ("1e3*x", "1000*x"),
         ("x-(-y)", "x - -y"),
         ("x-(y-1)", "x - (y - 1)"),
-        ("x/(y*2)", "x/(y*2)"),
         ("(-x)^2", "(-x)^2"),
-        ("(x^2)^3", "(x^2)^3"),
-        ("-(x*y)", "-(x*y)"),
         ("max(x,(y))", "max(x, y)"),
     ],
 )
@@ -373,14 +290,10 @@ def test_numbers_keep_every_digit(value):
     [
         ("x + 1/0", "/"),
         ("1/x/0", "/"),  # the chain's first operator
-        ("x*sqrt(-1)", "sqrt"),
         ("x + (-8)^(1/3)", "^"),
         ("x + log(0)", "log"),
-        ("x + asin(2)", "asin"),
         ("x + 0^-1", "^"),
-        ("x + exp(1000)", "exp"),
         ("x - atan2(1, log(0))", "log"),
-        ("c1*(1-1)^(-1)", "^"),
     ],
 )
 def test_constants_that_are_no_finite_real_number(text, culprit):
@@ -396,12 +309,9 @@ def test_constants_that_are_no_finite_real_number(text, culprit):
     ("text", "offset"),
     [
         ("x+1e301", 2),
-        ("x+1e999", 2),
         ("x+1e200*1e101", 7),
         ("x*1e200*y*1e200", 1),
-        ("x+1e300+1e300", 1),
         ("x+10^64^0.9*exp(690)", 11),
-        ("x-exp(700)", 2),
     ],
 )
 def test_constants_that_are_too_large(text, offset):
@@ -490,31 +400,17 @@ def test_arguments_of_min_have_a_limit():
     "text",
     [
         "__import__('os')",
-        "x.__class__",
         "().__class__.__bases__[0]",
-        "eval('1')",
-        "lambda: 0",
         "x if x else y",
-        "[x for x in y]",
-        "getattr(x, y)",
         "1j",
-        "1_000",
         "x@y",
-        "I",
-        "oo",
         "nan",
-        "True",
     ],
 )
 def test_code_is_no_expression(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     error_of(text)
     assert not list(tmp_path.iterdir())
-
-
-@given(st.text(max_size=60))
-def test_any_text_is_read_or_refused(text):
-    read_or_refuse(text)
 
 
 @given(texts, st.integers(0, 100), st.text(max_size=3), st.integers(0, 3))
@@ -538,29 +434,16 @@ def read_or_refuse(text):
         return
 
 
-def test_reading_and_writing_do_without_sympy():
-    program = (
-        "import sys; from eadp.core.expressions.reader import read_expression as read;"
-        "read('(x + 45)^2 + sin(c1)').at((1,)); read('-x/2').text; sys.exit('sympy' in sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True)
-
-
 # --- values -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("text", "point"),
     [
-        ("sqrt(x)", (-1.0, 0.0)),
         ("1/x", (0.0, 0.0)),
-        ("log(x*y)", (0.0, 1.0)),
-        ("x^0.5", (-1.0, 0.0)),
         ("exp(x)", (1e4, 0.0)),
         ("x*1e300", (1e300, 0.0)),
         ("x*1e300 - x*1e300", (1e300, 0.0)),  # inf − inf
-        ("x^-1", (0.0, 0.0)),
-        ("asin(x)", (2.0, 0.0)),
     ],
 )
 def test_no_value_at_a_point(text, point):
@@ -626,31 +509,15 @@ def test_constants_that_arise_by_substitution_are_checked(text):
 # --- sympy ------------------------------------------------------------------------------------------------------------
 
 
-@given(texts)
-def test_sympys_value_is_the_same(text):
-    assume("atan2" not in text)  # of (0, 0) it is nan to sympy
-    try:
-        wanted = value_of(text)
-    except (ExpressionError, PathUndefined):
-        return
-    tree = to_sympy(read_expression(text).node)
-    got = tree.subs({symbol: PLACE[str(symbol)] for symbol in tree.free_symbols}).evalf(30)
-    assume(got.is_comparable)  # 0·∞ in exact arithmetic where floats are only near 0
-    assert float(got) == pytest.approx(wanted, rel=1e-6, abs=1e-6)
-
-
 @pytest.mark.parametrize(
     "text",
     [
-        "0*x",
         "x - x",
         "sin(c1)^2 + cos(c1)^2 - 1",
-        "(x + 1)^2 - x^2 - 2*x - 1",
         "sqrt(c1^2) - abs(c1)",
         "2*sqrt(4900 + c1) - sqrt(19600 + 4*c1)",
         "exp(log(2) + c1) - 2*exp(c1)",
         "0.1*x + 0.2*x - 0.3*x",  # exact, where floats leave 5e-17
-        "1e-9*c1 - c1/1e9",
         "tan(c1) - sin(c1)/cos(c1)",
         "log(0*x + 1)",
     ],

@@ -1,7 +1,5 @@
 """The drag polar and level turns, beside numbers worked out by hand and by numerical minimisation."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -27,15 +25,6 @@ def test_a_wing_worked_out_by_hand():
     assert lift_coefficient(24.5, 20, 0.5, 1.225) == pytest.approx(0.2)
     assert induced_drag_factor(5, 0.8) == pytest.approx(1 / (4 * math.pi))
     assert drag_n(24.5, 20, 0.5, 1.225, 0.02, 1 / (4 * math.pi)) == pytest.approx(245 * 0.5 * 0.0231831, rel=1e-5)
-
-
-@given(speeds, st.floats(1, 50), st.floats(0.1, 2), st.floats(0.005, 0.1), st.floats(0.02, 0.3))
-def test_drag_is_the_polars(speed, load, area, zero_lift, induced):
-    pressure_area = 0.5 * 1.225 * speed**2 * area
-    lift = lift_coefficient(load, speed, area, 1.225)
-    assert drag_n(load, speed, area, 1.225, zero_lift, induced) == pytest.approx(
-        pressure_area * (zero_lift + induced * lift**2)
-    )
 
 
 @given(speeds, banks)

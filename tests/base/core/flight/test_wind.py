@@ -1,6 +1,4 @@
-"""Flight in wind: the triangle by complex numbers and by flying it, banks by differences, the filter by batches."""
-
-from __future__ import annotations
+"""Flight in wind: the triangle by complex numbers, banks by differences, the filter by batches."""
 
 import math
 
@@ -11,14 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from eadp.core import compiled
 from eadp.core import flight as wind
 from eadp.core.flight import WindFilter, ground_speeds_mps, squared_bank_slopes
 from eadp.core.guidance import GRAVITY_MPS2
 
-fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 AIRSPEED_MPS = 15.0
-NANO = 1e-9
 MICRO = 1e-6
 DIFFERENCE_RAD = 1e-5
 BY_DIFFERENCES = 1e-6
@@ -55,18 +50,6 @@ def test_the_triangle_by_complex_numbers_and_root_finding(course, speed, towards
     assert along == pytest.approx(AIRSPEED_MPS * math.cos(heading - course), abs=MICRO)
 
 
-def test_an_aircraft_that_crabs_covers_the_ground_at_that_speed():
-    course, wind_mps, step_s = 0.7, (4.0, -6.0), 0.01
-    x = y = 0.0
-    for _ in range(1000):  # turns its nose until it has no drift: dead reckoning in closed loop
-        drift = math.remainder(course - math.atan2(y, x), 2 * math.pi) if x or y else 0.0
-        nose = heading_by_roots(course, wind_mps) + 0.1 * drift
-        x += (AIRSPEED_MPS * math.cos(nose) + wind_mps[0]) * step_s
-        y += (AIRSPEED_MPS * math.sin(nose) + wind_mps[1]) * step_s
-    assert math.hypot(x, y) / 10 == pytest.approx(speed_of(course, wind_mps)[0], abs=MICRO)
-    assert math.atan2(y, x) == pytest.approx(course, abs=MICRO)
-
-
 @pytest.mark.parametrize(
     ("wind_mps", "held"),
     [((0.0, 15.0), False), ((0.0, 16.0), False), ((-20.0, 0.0), False), ((20.0, 0.0), True), ((-15.0, 0.0), False)],
@@ -91,12 +74,6 @@ def test_the_bank_against_the_heading_differentiated_along_a_circle(turn, wind_m
         seconds = 2 * DIFFERENCE_RAD * radius / speed
         rate = math.remainder(after - before, 2 * math.pi) / seconds
         assert slope == pytest.approx((AIRSPEED_MPS * rate / GRAVITY_MPS2) ** 2, rel=BY_DIFFERENCES)
-
-
-def test_in_calm_air_the_bank_is_that_of_a_level_turn():
-    slope = squared_bank_slopes(np.array([1 / 40]), np.array([15.0]), np.array([15.0]), 15.0)[0]
-    assert slope == pytest.approx((15**2 / (9.80665 * 40)) ** 2, rel=NANO)
-    assert squared_bank_slopes(np.zeros(1), np.array([9.0]), np.array([12.0]), 15.0)[0] == 0
 
 
 # --- the filter -------------------------------------------------------------------------------------------------------
@@ -196,28 +173,6 @@ def test_without_headings_it_is_calibrated_where_courses_turn():
     assert np.mean(squares < chi2(2).ppf(0.95)) > 0.85
 
 
-def survey_course(time_s):
-    """Up and down lines of 40 s with turns of 10 s."""
-    lap, within = divmod(time_s, 100.0)
-    turned = min(max((within - 40) / 10, 0), 1) + min(max((within - 90) / 10, 0), 1)
-    return math.pi / 2 + math.pi * (2 * lap + turned)
-
-
-@pytest.mark.quick(1)
-@pytest.mark.parametrize(("course", "gust_mps"), [(survey_course, 1.5), (lambda _: 0.0, 0.7)])
-def test_without_headings_it_is_calibrated_on_lines(course, gust_mps):
-    squares = normalised_squares(False, course, seeds=40, gust_mps=gust_mps)
-    assert np.mean(squares < chi2(2).ppf(0.95)) > 0.75
-
-
-def test_the_standard_deviation_of_gusts_is_seen_on_a_single_course_without_headings():
-    spreads = [
-        filtered(flown(240, (3.0, -4.0), 0.3, seed, course=lambda _: 0.0), headings=False).gust_std_mps
-        for seed in range(10)
-    ]
-    assert np.mean(spreads) > 0.2
-
-
 def test_nothing_is_learned_of_what_a_single_course_does_not_show():
     found = filtered(flown(300, (4.0, 5.0), 0.3, 3, course=lambda _: 0.0), headings=False)
     xx, yy, _ = found.covariance
@@ -233,39 +188,9 @@ def test_a_wind_that_turns_is_followed():
     assert filtered(readings).wind_mps == pytest.approx((3, 1), abs=0.3)
 
 
-def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
-    monkeypatch.setattr(wind, "_gusts_after", lambda gusts, *_: gusts)
-    found, twice = WindFilter(), WindFilter()
-    for _ in range(10):
-        observe(found, (20.0, 0.0), 0.0, 1.0)
-        for _ in range(10):
-            observe(twice, (20.0, 0.0), 0.0, 0.1)
-    assert found.wind_mps == pytest.approx(twice.wind_mps, rel=0.001)
-    assert found.covariance[0] == pytest.approx(twice.covariance[0], rel=0.01)
-
-
 def test_standing_in_the_air_tells_nothing_without_a_heading():
     found = WindFilter()
     before = found.covariance
     observe(found, (0.0, 0.0), None, 1.0)
     assert found.wind_mps == (0.0, 0.0)
     assert found.covariance[0] == pytest.approx(before[0], rel=1e-3)
-
-
-@pytest.mark.parametrize("on", [False, pytest.param(True, marks=fast)])
-@pytest.mark.parametrize("headings", [True, False])
-def test_readings_together_tell_what_they_tell_one_by_one(headings, on):
-    readings = list(flown(120, (3.0, -4.0), 0.5, 1, step_s=0.5))
-    found, together = filtered(readings, headings=headings, step_s=0.5), WindFilter()
-    compiled.enable(on)
-    try:
-        for begin in range(0, len(readings), 7):
-            some = readings[begin : begin + 7]
-            (vx, vy), count = zip(*(velocity for velocity, _ in some), strict=True), len(some)
-            directions = [heading if headings else math.nan for _, heading in some]
-            together.ingest(vx, vy, directions, [0.5] * count, [AIRSPEED_MPS] * count)
-    finally:
-        compiled.enable(False)
-    assert together.wind_mps == pytest.approx(found.wind_mps, rel=NANO)
-    assert together.covariance == pytest.approx(found.covariance, rel=NANO, abs=NANO)
-    assert together.gust_std_mps == pytest.approx(found.gust_std_mps, rel=NANO)

@@ -1,7 +1,5 @@
 """Compass bearings and mathematical angles, by cases worked by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Kinds of paths, lines and circles as travelled, angles swept, lengths along curves."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -57,14 +55,10 @@ def near(point, metres=NANOMETRE):
     [
         "x",
         "y",
-        "x+115",
         "3*x+4*y-10",
-        "x + sqrt(4900+c1) + 45",
         "x*sin(c1)-y*cos(c1)+c2",
         "x*x - x^2 + y",
         "x*y - y*x + x",
-        "(x + y)*(c1 - c1 + 2)",
-        "x/c1 + y/c2",
         "x^2*(c1-c1) + x",
         "x*(sin(c1)^2+cos(c1)^2-1) + y",
         "(0*x)*y^2 + x",
@@ -79,16 +73,12 @@ def test_lines(text):
     [
         "(x+45)^2+(y-146)^2-4900",
         "2*x^2+2*y^2-8*x-5",
-        "49-(x-3)^2-(y-4)^2",
         "c1*(x^2+y^2)-25",
         "((x-c1)^2+(y-c2)^2-25)/(c1^2+1)",
-        "(x-1)*(x+1)+(y-1)*(y+1)",
         "(x+y)^2+(x-y)^2-8",  # 2x² + 2y² − 8
         "(x + 2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1",
-        "x^2 + y^2*(sin(c1)^2+cos(c1)^2) - 4",
         "x^2+y^2",  # a point, but the form of a circle
         "x^2+x*y+y^2-y*x-1",
-        "x^2*y^0 + y^2 - 4",
     ],
 )
 def test_circles(text):
@@ -99,21 +89,16 @@ def test_circles(text):
     "text",
     [
         "(x-y)^2 - 4",
-        "(x-y)^2 + (x-1)^2 - 4",
         "y - sin(x)",
         "c1*x^2 + y^2 - 25",
-        "x^2 + y^2*c1^2 - 1",
         "x^2 - y^2",
         "x^3 + y",
         "sqrt(x^2+y^2) - 5",
-        "abs(x) + y",
         "x^c1 + y",
-        "x^0.5",
         "max(x, y)",
         "x^2 + 1.0000001*y^2 - 4",
         "atan2(y, x)",
         "0*x + 5",  # no x is left: nothing to follow
-        "x - x + y - y",
     ],
 )
 def test_curves(text):
@@ -169,29 +154,6 @@ def test_polynomials_that_are_0_everywhere(text, zero):
     assert is_zero_polynomial(read_expression(text)) is zero
 
 
-def test_a_line_worked_by_hand():
-    line = line_of(path("3*x+4*y-10"), (0.0, 0.0), 1)
-    assert line.point_m == near((1.2, 1.6))
-    assert line.direction == near((-0.8, 0.6)), "the gradient (3, 4)/5 turned counter-clockwise"
-    assert line_of(path("3*x+4*y-10"), (0.0, 0.0), -1).direction == near((0.8, -0.6))
-    assert line.progress_m((1.2 - 8, 1.6 + 6)) == near(10)
-    assert line.progress_m((1.2 + 3, 1.6 + 4)) == near(0), "straight off the line"
-
-
-@pytest.mark.parametrize(
-    ("text", "sense", "direction"),
-    [
-        ("x+115", 1, (0, 1)),  # the survey's line up has rotation 90, its line down 270
-        ("x+115", -1, (0, -1)),
-        ("-x-115", 1, (0, -1)),
-        ("y", 1, (-1, 0)),
-        ("5*(x-y)", 1, (math.sqrt(0.5), math.sqrt(0.5))),
-    ],
-)
-def test_direction_of_a_line(text, sense, direction):
-    assert line_of(path(text), (3.0, 4.0), sense).direction == near(direction)
-
-
 @given(whole, whole, whole, points, senses, st.sampled_from([1.0, -1.0, 0.01, 50.0]))
 def test_the_foot_is_on_the_line_and_straight_below(a, b, c, point, sense, scale):
     assume((a, b) != (0, 0))
@@ -216,16 +178,11 @@ def test_no_gradient_is_no_line():
 @pytest.mark.parametrize(
     ("text", "parameters", "centre", "radius", "turn"),
     [
-        ("(x+45)^2+(y-146)^2-4900", (), (-45, 146), 70, 1),
         ("(x+45)^2+(y-146)^2-4900-c1", (-1000,), (-45, 146), math.sqrt(3900), 1),
         ("2*x^2+2*y^2-8*x-5", (), (2, 0), math.sqrt(6.5), 1),
-        ("x*x+y*y-c1", (25,), (0, 0), 5, 1),
-        ("-(x^2+y^2)+9", (), (0, 0), 3, -1),
-        ("49-(x-3)^2-(y+4)^2", (), (3, -4), 7, -1),
         ("-3*x^2-3*y^2+6*x+12*y+33", (), (1, 2), 4, -1),
         ("c1*(x^2+y^2)-25", (4,), (0, 0), 2.5, 1),
         ("25-c1*(x^2+y^2)", (4,), (0, 0), 2.5, -1),
-        ("0.001*((x-1)^2+y^2-4)", (), (1, 0), 2, 1),
     ],
 )
 def test_circles_worked_by_hand(text, parameters, centre, radius, turn):
@@ -235,18 +192,6 @@ def test_circles_worked_by_hand(text, parameters, centre, radius, turn):
             assert circle.centre_m == near(centre)
             assert circle.radius_m == near(radius)
             assert circle.turn == turn * sense
-
-
-@given(whole, whole, st.integers(1, 90), st.sampled_from([1, 2, -1, -3]), points, senses)
-def test_a_circle_multiplied_out_is_found(cx, cy, radius, scale, point, sense):
-    text = (
-        f"{scale}*x^2 + {scale}*y^2 - {2 * scale * cx}*x - {2 * scale * cy}*y + {scale * (cx**2 + cy**2 - radius**2)}"
-    )
-    circle = circle_of(path(text), point, sense)
-    assert circle.centre_m == near((cx, cy), 1e-6)
-    assert circle.radius_m == pytest.approx(radius, abs=1e-5)
-    assert circle.turn == (sense if scale > 0 else -sense)
-    assert path_kind(read_expression(text)) == CIRCLE
 
 
 @pytest.mark.parametrize(
@@ -297,22 +242,6 @@ def test_the_same_point_but_for_rounding_is_a_whole_turn_in_the_west_too(turn):
         assert sweep == pytest.approx(2 * math.pi)
 
 
-@pytest.mark.parametrize(
-    ("turn", "start", "end", "sweep"),
-    [
-        (1, (1, 0), (0, 1), math.pi / 2),
-        (-1, (1, 0), (0, 1), 3 * math.pi / 2),
-        (1, (0, -1), (0, 1), math.pi),
-        (1, (-1, 1), (-1, -1), math.pi / 2),  # across ±π
-        (-1, (-1, -1), (-1, 1), math.pi / 2),
-        (1, (-1, -1), (-1, 1), 3 * math.pi / 2),
-        (1, (3, 0), (0, 0.5), math.pi / 2),  # points off the circle: their directions count
-    ],
-)
-def test_sweep_worked_by_hand(turn, start, end, sweep):
-    assert Circle((0.0, 0.0), 1.0, turn).sweep_rad(start, end) == pytest.approx(sweep)
-
-
 # --- angles -----------------------------------------------------------------------------------------------------------
 
 
@@ -324,14 +253,6 @@ def test_a_wrapped_angle_is_the_same_direction(angle):
 
 
 # --- onto a path and along it -----------------------------------------------------------------------------------------
-
-
-@given(st.floats(0, 7), st.floats(0.2, 3))
-def test_projection_on_a_circle_is_radial(angle, share):
-    at = (10 * math.cos(angle), 10 * math.sin(angle))
-    assert project(path("(x-3)^2+(y+2)^2-100"), (3 + share * at[0], -2 + share * at[1])) == near(
-        (3 + at[0], -2 + at[1])
-    )
 
 
 @given(points)
@@ -364,14 +285,6 @@ def test_walking_keeps_to_the_path_with_even_steps():
         assert y1 == pytest.approx(10 * math.sin(x1 / 20), abs=1e-7)
         assert math.dist((x0, y0), (x1, y1)) == pytest.approx(0.5, rel=LENGTH_SHARE)
         assert x1 > x0, "rotation 270 of y − f(x) runs east"
-
-
-@pytest.mark.parametrize("sense", [1, -1])
-@pytest.mark.parametrize("angle", [0.2, 1.5, 3.0, 4.5, 6.2])
-def test_length_along_a_circle_is_its_arc(sense, angle):
-    end = (70 * math.cos(sense * angle), 70 * math.sin(sense * angle))
-    length = curve_length_m(path("x^2+y^2-4900"), (70.0, 0.0), end, sense)
-    assert length == pytest.approx(70 * angle, rel=LENGTH_SHARE)
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 100.0), (-37.0, 3.0), (10.0, 12.0), (0.0, 400.0)])

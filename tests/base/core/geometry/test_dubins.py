@@ -1,7 +1,5 @@
 """Shortest paths with bounded turns: by quadrature of the motion, against other paths, and in wind by the triangle."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -145,57 +143,6 @@ def test_none_is_longer_than_another_way_there(start, radius, word, turns):
     assert apart(flown(start, path.word, path.lengths_m, radius), end)[0] < REACHED_M
 
 
-def test_none_is_longer_than_any_of_a_grid():
-    # 6 words × 12³ paths, all at once: the ends are from exact steps of the motion
-    radius, grid = 20.0, np.linspace(0, 6, 12)
-    first, middle, last = (part.ravel() for part in np.meshgrid(grid, grid, grid))
-    for word in WORDS:
-        x, y, heading = np.zeros_like(first), np.zeros_like(first), np.zeros_like(first)
-        for letter, part in zip(word, (first, middle, last), strict=True):
-            turn = TURNS[letter]
-            if turn:
-                x = x + turn * radius * (np.sin(heading + turn * part) - np.sin(heading))
-                y = y - turn * radius * (np.cos(heading + turn * part) - np.cos(heading))
-                heading = heading + turn * part
-            else:
-                x, y = x + radius * part * np.cos(heading), y + radius * part * np.sin(heading)
-        found = lengths_m([(0.0, 0.0, 0.0)], np.stack([x, y, heading], axis=1), radius)[0]
-        total = radius * (first + middle + last)
-        assert np.all(found <= total + 1e-6)
-        if "S" in word:  # small turns to and from a long straight have no shorter way
-            best = (first <= 1.1) & (last <= 1.1) & (middle >= 4)
-            assert found[best] == pytest.approx(total[best], rel=CLOSE)
-
-
-@given(near_poses, near_poses, radii, st.floats(0.01, 0.99))
-def test_the_rest_of_a_shortest_path_is_shortest(start, end, radius, share):
-    path = shortest(start, end, radius)
-    left, pose = share * path.length_m, start
-    for letter, length in zip(path.word, path.lengths_m, strict=True):
-        pose = moved(pose, TURNS[letter], radius, min(left, length))
-        left -= min(left, length)
-    assert shortest(pose, end, radius).length_m == pytest.approx((1 - share) * path.length_m, abs=1e-6)
-
-
-@given(near_poses, near_poses, radii, st.floats(-3, 3))
-def test_symmetries(start, end, radius, angle):
-    length = shortest(start, end, radius).length_m
-
-    def backward(pose):
-        return pose[0], pose[1], pose[2] + math.pi
-
-    def mirrored(pose):
-        return pose[0], -pose[1], -pose[2]
-
-    def turned(pose):
-        c, s = math.cos(angle), math.sin(angle)
-        return 3 * (c * pose[0] - s * pose[1]) + 500, 3 * (s * pose[0] + c * pose[1]) - 200, pose[2] + angle
-
-    assert shortest(backward(end), backward(start), radius).length_m == pytest.approx(length, abs=1e-6)
-    assert shortest(mirrored(start), mirrored(end), radius).length_m == pytest.approx(length, abs=1e-6)
-    assert shortest(turned(start), turned(end), 3 * radius).length_m == pytest.approx(3 * length, abs=3e-6)
-
-
 R = 20.0
 
 
@@ -203,22 +150,17 @@ R = 20.0
     ("end", "word", "length"),
     [
         ((0, 0, 0), None, 0),
-        ((0, 0, 2 * math.pi), None, 0),
         ((120, 0, 0), None, 120),
         ((-100, 0, 0), None, 100 + 2 * math.pi * R),
         ((0, 2 * R, math.pi), None, math.pi * R),  # touching circles
         ((0, 3 * R, math.pi), "LSL", math.pi * R + R),
-        ((0, -3 * R, math.pi), "RSR", math.pi * R + R),
         ((2 * R, 2 * R, 0), None, math.pi * R),  # a left and a right quarter, circles touching
         ((0, 0, math.pi), None, 7 / 3 * math.pi * R),
         # an omega: the outer turns' centres are w + 2R apart
         ((0, R, math.pi), "RLR", R * (math.pi + 4 * math.acos(3 / 4))),
-        ((0, -R, math.pi), "LRL", R * (math.pi + 4 * math.acos(3 / 4))),
         ((R * math.sin(1), R - R * math.cos(1), 1.0), None, R),  # along one arc
-        ((R * math.sin(1), R * math.cos(1) - R, -1.0), None, R),
         ((R * math.sin(6), R - R * math.cos(6), 6.0), None, 6 * R),
         ((-1e-12, 1e-12, -1e-13), None, 0),  # one pose, but for rounding
-        ((-1.5e-9, 0, 0), None, 0),
         ((120, 1e-12, -1e-13), None, 120),
     ],
 )
@@ -232,25 +174,6 @@ def test_known_lengths(start, end, word, length):
         assert path.word == word
     if length == 0:
         assert path.pieces == ()
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_rounding_adds_no_turn(seed):
-    # paths with pieces of no or hardly any length, far from the origin, where a place is known to 1e-11 m
-    rng = np.random.default_rng(seed)
-    for _ in range(150):
-        start = (*rng.uniform(-3e4, 3e4, 2).tolist(), float(rng.uniform(-4, 4)))
-        word = ("LSL", "RSR", "LSR", "RSL")[rng.integers(4)]
-        angles = [(0.0, 1e-9, 1e-7, 1e-4, rng.uniform(0, 6))[i] for i in rng.integers(0, 5, 3)]
-        end = flown(start, word, [R * angle for angle in angles], R)
-        assert shortest(start, end, R).length_m <= R * sum(angles) + 1e-4
-
-
-def test_both_middle_arcs_of_three():
-    paths = ordered((0.0, 0.0, 0.0), (10.0, 15.0, 2.0), R)
-    for word in ("LRL", "RLR"):
-        one, other = (path.lengths_m[1] for path in paths if path.word == word)
-        assert one + other == pytest.approx(2 * math.pi * R)
 
 
 @given(st.lists(near_poses, min_size=1, max_size=4), st.lists(near_poses, min_size=1, max_size=3), radii)
@@ -308,45 +231,11 @@ def test_many_times_at_once_are_of_the_fastest(starts, ends, radius, wind):
     assert found == pytest.approx(np.array(wanted), abs=1e-8)
 
 
-@given(st.lists(poses, min_size=1, max_size=3), st.lists(poses, min_size=1, max_size=3), radii)
-def test_without_wind_time_is_length_over_airspeed(starts, ends, radius):
-    found = times_s(starts, ends, radius, AIRSPEED, (0.0, 0.0))
-    assert found == pytest.approx(lengths_m(starts, ends, radius) / AIRSPEED, abs=CLOSE)
-    path = shortest(starts[0], ends[0], radius)
-    assert flight_time_s(path, AIRSPEED, (0.0, 0.0)) == pytest.approx(path.length_m / AIRSPEED, abs=CLOSE)
-
-
 def test_a_breath_of_wind_is_no_jump():
     start, end = (0.0, 0.0, 0.3), (60.0, -20.0, 2.0)
     calm = shortest(start, end, R).length_m / AIRSPEED
     for breath in (5e-324, 1e-200, 1e-12, 1e-9):
         assert times_s([start], [end], R, AIRSPEED, (breath, -breath))[0, 0] == pytest.approx(calm, rel=1e-8)
-
-
-def test_the_fastest_need_not_be_the_shortest():
-    rng = np.random.default_rng(5)
-    places = np.column_stack([rng.uniform(-60, 60, (30, 2)), rng.uniform(-3, 3, 30)])
-    wind = (12.0, 0.0)
-    fastest = times_s(places, places, R, AIRSPEED, wind)
-    of_shortest = np.array(
-        [[flight_time_s(shortest(tuple(a), tuple(b), R), AIRSPEED, wind) for b in places] for a in places]
-    )
-    assert np.all(fastest <= of_shortest + CLOSE)
-    assert np.sum(fastest < of_shortest - 0.1) > 10
-
-
-@given(near_poses, st.floats(1, 300), winds)
-def test_a_straight_there_and_back(start, length, wind):
-    wind = (AIRSPEED * wind[0], AIRSPEED * wind[1])
-    assume(math.hypot(*wind) > 0.1)
-    c, s = math.cos(start[2]), math.sin(start[2])
-    end = (start[0] + length * c, start[1] + length * s, start[2])
-    back = [(x, y, heading + math.pi) for x, y, heading in (end, start)]
-    both = flight_time_s(shortest(start, end, R), AIRSPEED, wind) + flight_time_s(shortest(*back, R), AIRSPEED, wind)
-    # 1/(b + a) + 1/(b − a) = 2b/(b² − a²), a the wind along and b = √(v² − the wind across²)
-    across = wind[0] * s - wind[1] * c
-    wanted = 2 * length * math.sqrt(AIRSPEED**2 - across**2) / (AIRSPEED**2 - math.hypot(*wind) ** 2)
-    assert both == pytest.approx(wanted, rel=CLOSE)
 
 
 @pytest.mark.parametrize("wind", [(AIRSPEED, 0.0), (0.0, -25.0), (math.nan, 0.0)])

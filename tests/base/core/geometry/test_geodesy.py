@@ -1,7 +1,5 @@
 """The tangent plane: round trips, distances along the axes, and pyproj where it is installed."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

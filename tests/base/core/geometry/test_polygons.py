@@ -1,7 +1,5 @@
 """Rings: area, what is superfluous, and what makes them no field, beside shapely's own word."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -52,14 +50,6 @@ def test_vertices_that_are_dropped_lie_within_the_tolerance(ring, tolerance_m):
         before, after = max(k for k in kept if k <= i), min((k for k in kept if k >= i), default=0)
         edge = shapely.LineString([ring[before], ring[after]])
         assert edge.distance(shapely.Point(vertex)) <= tolerance_m * (1 + 1e-9)
-
-
-def test_a_circle_keeps_few_vertices():
-    n, radius_m, tolerance_m = 5000, 100.0, 0.1
-    ring = [(radius_m * math.cos(2 * math.pi * i / n), radius_m * math.sin(2 * math.pi * i / n)) for i in range(n)]
-    # a chord whose sagitta is the tolerance spans √(8 r s): no ring of fewer chords is as near
-    fewest = 2 * math.pi * radius_m / math.sqrt(8 * radius_m * tolerance_m)
-    assert fewest <= len(simplified(ring, tolerance_m)) <= 3 * fewest
 
 
 # --- area -------------------------------------------------------------------------------------------------------------
@@ -121,14 +111,6 @@ def test_a_flaw(outline, holes, ring, message, point):
         assert flaw.point_m == point
     rings = [shapely.Polygon(points).exterior for points in (outline, *holes)]
     assert min(line.distance(shapely.Point(flaw.point_m)) for line in rings) < 1e-9
-
-
-def test_every_ring_that_crosses_itself_is_found():
-    knots = [((2, 2), (4, 4), (4, 2), (2, 4)), square(7, 7, 1), ((6, 2), (8, 4), (8, 2), (6, 4))]
-    assert [(flaw.ring, flaw.message) for flaw in flaws(SQUARE, knots)] == [
-        (1, "crosses itself"),
-        (3, "crosses itself"),
-    ]
 
 
 @given(grid_rings, st.lists(grid_rings, max_size=3))

@@ -1,7 +1,5 @@
 """Paths as travelled to a point: a circle, a line and a curve whose lengths and directions are known."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 from eadp.errors import Fault, InputError
 from eadp.io.energy import EnergyFile, energy_document, energy_yaml, parse_energy
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import Text
 from eadp.models.energy import EnergyModel, Harmonic
 
 HARMONICS = (Harmonic(2.1, 0.8), Harmonic(1e-9, -3.0))
@@ -77,26 +76,6 @@ def test_text_of_a_model() -> None:
     ]
 
 
-def test_document_without_a_period() -> None:
-    document = energy_document(EnergyModel(None, 73.0, noise_std_w=40.0, samples=100, span_s=50.0))
-    assert document == {
-        "schema": "eadp.energy/1",
-        "periodic": False,
-        "period_s": None,
-        "period_std_s": None,
-        "order": 0,
-        "mean_w": 73.0,
-        "mean_std_w": None,
-        "harmonics": [],
-        "amplitude_std_w": [],
-        "coefficients": {"a": [], "b": []},
-        "noise_std_w": 40.0,
-        "cv_r2": 0.0,
-        "samples": 100,
-        "span_s": 50.0,
-    }
-
-
 def test_what_can_be_derived_may_be_left_out() -> None:
     assert parse(MINIMAL) == EnergyModel(46, 36.4)
     with_harmonic = MINIMAL.replace("[]", "[{amplitude_w: 2, phase_rad: 0}]")
@@ -144,12 +123,6 @@ def test_unknown_keys_are_refused_with_all_other_faults() -> None:
     faults = faults_of(MINIMAL.replace("mean_w: 36.4", "mean: 36.4") + "noise_std_w: -1\n")
     assert [fault.split(":")[0] for fault in faults] == ["1", "3", "5"]
     assert "unknown key mean" in faults[1]
-
-
-def test_file_of_a_model(tmp_path: Path) -> None:
-    file = tmp_path / "energy.yaml"
-    file.write_text(energy_yaml(MODEL), encoding="utf-8")
-    assert parse_energy(read_text(str(file))) == MODEL
 
 
 def test_schema_names_every_key_of_the_document() -> None:

@@ -1,7 +1,5 @@
 """The pictures of a flight: its own, and the letter's figures of it."""
 
-from __future__ import annotations
-
 import itertools
 from contextlib import contextmanager
 
@@ -9,15 +7,14 @@ import numpy as np
 import pytest
 from common import ROOT
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 import eadp
 from eadp.io.figures import plan as flight_figure
-from eadp.io.figures.canvas import COLOURS, figure_pair, fit_legend, stage_style
+from eadp.io.figures.canvas import COLOURS, fit_legend, stage_style
 from eadp.io.figures.plan import APART, _apart, _draw_decisions, _draw_parameters, _draw_path
 from eadp.papers import figures as paper
 from eadp.papers.figures import write_paper_figure
-from eadp.planning.base import INFEASIBLE, JUMPED, DecisionRecord
+from eadp.planning.base import DecisionRecord
 
 PLAN = ROOT / "plans/survey.plan"
 
@@ -81,14 +78,6 @@ def test_the_letters_panels(monkeypatch, flight):
     assert 1 / frequency[np.argmax(density)] == pytest.approx(period_s, rel=0.2)
     period, r2 = lines(panels["Periodogram of the motion"])["_child0"]
     assert period[np.argmax(r2)] == pytest.approx(period_s, rel=0.05)
-
-
-def test_the_power_spectrum_holds_the_variance(monkeypatch, flight):
-    """Parseval: the density integrates to the variance of the motion's power."""
-    panels = drawn(monkeypatch, flight)
-    frequency, density = lines(panels["Power spectrum of the motion"])["_child0"]
-    power = flight.columns["power_w"] - np.array([one.computing_w for one in flight.estimates])
-    assert np.sum(density) * (frequency[1] - frequency[0]) == pytest.approx(np.var(power), rel=0.3)
 
 
 def test_forecasts_start_at_their_reading_and_do_not_overlap(monkeypatch, flight):
@@ -161,14 +150,6 @@ def test_many_stages_are_named_by_their_kind(tmp_path):
     assert stage_style(few, 1) == (COLOURS[0], "stage 1 (circle)")
 
 
-def test_the_start_shows_where_the_flight_ends_there(flight):
-    axes = Figure().add_subplot()
-    _draw_path(axes, flight.inputs.world, [*flight.steps[:5], flight.steps[0]])
-    marks = {line.get_label(): line for line in axes.lines}
-    assert marks["start"].get_markerfacecolor() == "none"
-    assert marks["start"].get_markersize() > 2 * marks["end of the flight"].get_markersize()
-
-
 def test_the_path_is_drawn_with_the_wind(flight):
     axes = Figure().add_subplot()
     _draw_path(axes, flight.inputs.world, flight.steps)
@@ -199,33 +180,3 @@ def test_a_time_without_a_feasible_solution_is_in_the_legend(flight):
     (marks,) = path.lines
     assert len(marks.get_xdata()) < 39
     assert marks.get_label() == "decision (39, some beside others left out)"
-
-
-@pytest.mark.slow
-def test_answers_to_losses_are_few_and_change_no_axes(tmp_path, monkeypatch, flight):
-    drawn = []
-
-    @contextmanager
-    def kept(path, *size):
-        with figure_pair(path, *size, [".png"]) as figure:
-            yield figure
-        drawn.append(figure)
-
-    monkeypatch.setattr(flight_figure, "figure_pair", kept)
-    steps = flight.steps[:: len(flight.steps) // 200]
-    for reason in ("planned", "infeasible: " + "neither this path nor the densest one ends above the reserve; " * 6):
-        records = [
-            DecisionRecord(5.0 * i, JUMPED, 1, 0, (-float(i), 2.0), INFEASIBLE, 0, 0, None, reason) for i in range(40)
-        ]
-        summary = {**flight.summary, "completed": False, "reason": reason}
-        flight_figure.write_flight_figure(tmp_path / "a", flight.inputs.world, steps, summary, records)
-    short, long = drawn
-    for one, other in zip(short.axes, long.axes, strict=True):
-        assert one.get_position().width == pytest.approx(other.get_position().width, abs=0.01)
-    callouts = [text for text in long.axes[0].texts if "charge lost" in text.get_text()]
-    assert [text.get_text().split(" s:")[0] for text in callouts] == ["195", "190", "185"]
-    for text in (*callouts, long.get_children()[-1]):
-        extent = Text.get_window_extent(text)
-        assert extent.x0 >= 0
-        assert extent.x1 <= long.bbox.width
-    assert [text.get_text() for text in long.axes[3].get_legend().get_texts()] == ["nothing was feasible"]

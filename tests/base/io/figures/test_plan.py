@@ -1,29 +1,21 @@
 """The picture of a plan: the range of its path parameters on every lap, and the names of stages and points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import ROOT
-from common.plans import PARTS
+from common.plans import PARTS, plan_of
 from matplotlib.figure import Figure
 
 from eadp.io.figures.plan import _draw_range, _name_stages
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text
 from eadp.models.plan.trace import nominal_legs
 
 SURVEY = (ROOT / "plans/survey.plan").read_text(encoding="utf-8")
 
 
-def plan(text):
-    return read_plan(Text("p", text))[0]
-
-
 def filled(text, parameters):
     """The filled areas [m²] and the extents [m] of the range."""
     axes = Figure().add_subplot()
-    _draw_range(axes, plan(text), parameters)
+    _draw_range(axes, plan_of(text), parameters)
     outlines = [path.vertices[:-1] for collection in axes.collections for path in collection.get_paths()]
     areas = [abs(np.sum(x * np.roll(y, 1) - y * np.roll(x, 1))) / 2 for x, y in (points.T for points in outlines)]
     return np.array(areas), outlines
@@ -32,7 +24,7 @@ def filled(text, parameters):
 @pytest.mark.parametrize(("text", "parameters"), [(SURVEY, (0.0, 10.0)), (PARTS, (0.0, 10.0))])
 def test_every_lap_has_its_range(text, parameters):
     areas, outlines = filled(text, parameters)
-    for leg in nominal_legs(plan(text), parameters):
+    for leg in nominal_legs(plan_of(text), parameters):
         if leg.lap and leg.stage.kind == "circle":
             far_m = [np.hypot(points[:, 0] - leg.end_m[0], points[:, 1] - leg.end_m[1]).min() for points in outlines]
             assert areas[np.array(far_m) < 1].sum() > 100, f"lap {leg.lap}"
@@ -53,7 +45,7 @@ def test_a_plan_without_a_free_path_parameter_has_no_range():
 
 def test_stages_and_points_of_the_first_lap_are_named():
     axes = Figure().add_subplot()
-    _name_stages(axes, plan(SURVEY), nominal_legs(plan(SURVEY), (0.0, 10.0)))
+    _name_stages(axes, plan_of(SURVEY), nominal_legs(plan_of(SURVEY), (0.0, 10.0)))
     names = [text.get_text() for text in axes.texts]
     assert names == [name for i in range(1, 5) for name in (f"$\\varphi_{{{i}}}$", f"$p_{{\\Gamma_{{{i}}}}}$")]
     assert axes.texts[1].xy == pytest.approx((-115, 146))

@@ -1,7 +1,5 @@
 """What a flight covers of the field that its plan knows."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

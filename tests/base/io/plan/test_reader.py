@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import pytest
 from common import ROOT
-from common.plans import PARTS, WAVES
+from common.plans import APPENDIX_RIGHT, PARTS, SHORT, WAVES
+from common.plans import plan_of as read
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -24,67 +25,7 @@ from eadp.models.plan.stage import COMPUTATION, PATH, Box, Stage
 
 NANOMETRE = 1e-9
 
-# Draft 002, Appendix II, as corrected in 01-model, misprint 7: the second lap's circle ends it
-APPENDIX = """\
-1: 0.0003; 90; (x+45)^2+(y-146)^2-4900-c1
-2: -sqrt (4900+c1)-45,146
-3: [-3*10^3,0]
-4: [2,10]
-5: [32,448]
-6: 0.05;270;x+sqrt(4900+c1)+45
-7: -sqrt (4900+c1)-45,11
-8: [-3*10^3,0]
-9: [2,10]
-10: [32,448]
-11: 0.0003; 90; (x+sqrt(4900+c1)-30)^2+(y-11)^2-5625
-12: -sqrt (4900+c1)+105,11
-13: [-3*10^3,0]
-14: [2,10]
-15: [32,448]
-16: 0.05; 90; x+sqrt(4900+c1)-105
-17: -sqrt (4900+c1)+105,147
-18: [-3*10^3,0]
-19: [2,10]
-20: [32,448]
-21: 0.0003; 90; (x+2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1
-22: -3*sqrt (4900+c1)+105,147
-23: [-3*10^3,0]
-24: [2,10]
-25: [32,448]
-"""
-
-SHORT = """\
-%: computations fps
-init:
-n = 4
-left = -115, 150 - 2*sqrt(4900 + c1)
-right = 35, 150 - 2*sqrt(4900 + c1)
-path:
-0.006; 90; (x - left - sqrt(4900 + c1))^2 + (y - 146)^2 - 4900 - c1
-left, 146
-[-1000, 0]
-[2, 10]
-0.1; 270; x - left
-left, 0
-[-1000, 0]
-[2, 10]
-0.006; 90; (x - left - 75)^2 + y^2 - 75^2
-right, 0
-[-1000, 0]
-[2, 10]
-0.1; 90; x - right
-right, 146
-[-1000, 0]
-[2, 10]
-trig:
-180, 146
-"""
-
 TWO = "0.05; 270; x+115\n-115, 11\n0.0003; 90; (x+40)^2+(y-11)^2-5625\n35, 11\n"
-
-
-def read(body) -> Plan:
-    return read_plan(Text("p", body))[0]
 
 
 def findings_of(body):
@@ -114,14 +55,14 @@ def triggers(plan, *parameters):
 
 
 def test_the_appendix():
-    plan = read(APPENDIX)
-    assert [stage.line for stage in plan.stages] == [1, 6, 11, 16, 21]
+    plan = read(APPENDIX_RIGHT)
+    assert [stage.line for stage in plan.stages] == [1, 5, 9, 13, 17]
     assert [stage.index for stage in plan.stages] == [1, 2, 3, 4, 5]
     assert [stage.gain for stage in plan.stages] == [3e-4, 0.05, 3e-4, 0.05, 3e-4]
     assert [stage.rotation_deg for stage in plan.stages] == [90, 270, 90, 90, 90]
     assert [stage.kind for stage in plan.stages] == ["circle", "line", "circle", "line", "circle"]
-    assert all(stage.sets == (Box(-3000, 0), Box(2, 10), Box(32, 448)) for stage in plan.stages)
-    assert [parameter.kind for parameter in plan.parameters] == [PATH, COMPUTATION, COMPUTATION]
+    assert [stage.sets for stage in plan.stages] == [(Box(-3000, 0), Box(2, 10))] * 4 + [(Box(-3000, 0), Box(0, 0))]
+    assert [parameter.kind for parameter in plan.parameters] == [PATH, COMPUTATION]
     assert plan.path_count == 1
     assert plan.trigger_radius_m == 20
     assert not plan.repeats
@@ -129,41 +70,13 @@ def test_the_appendix():
 
 @pytest.mark.parametrize("c1", [0.0, -1000.0, -2999.0, -3000.0])
 def test_the_appendix_as_corrected_is_a_survey(c1):
-    plan = read(APPENDIX)
+    plan = read(APPENDIX_RIGHT)
     stages = list(plan.stages)
     for stage, trigger in zip(stages, triggers(plan, c1), strict=True):
         assert stage.path_at((c1,))(*trigger)[0] == pytest.approx(0, abs=1e-9), "each trigger lies on its path"
     for stage, trigger in zip(stages[1:], triggers(plan, c1)[:-1], strict=True):
         off = stage.path_at((c1,))(*trigger)[0]
         assert off == pytest.approx(0, abs=1e-9), "and on the next"
-
-
-def test_the_appendix_as_printed_is_not():
-    printed = read(APPENDIX.replace("(y-146)^2-4900-c1", "(y-146)^2-4900+c1"))
-    phi, gx, gy, *_ = printed.stages[0].path_at((-3000.0,))(*triggers(printed, -3000.0)[0])
-    radius = math.sqrt(4900 + 3000)
-    assert radius - math.sqrt(4900 - 3000) == pytest.approx(45, abs=0.5), "01-model: 45 m off its circle"
-    assert abs(phi) / math.hypot(gx, gy) > 20
-
-
-def test_the_published_plan(reference):
-    path = reference / "plans" / "plan_specification.pln"
-    if not path.is_file():
-        pytest.skip("the published plan is not on this machine")
-    plan, findings = read_plan(read_text(str(path)))
-    assert len(plan.stages) == 60
-    assert not findings
-    assert [part.at() for part in plan.header_shift] == [-10, -1]
-    assert [stage.rotation_deg for stage in plan.stages[:4]] == [90, 270, 90, 90]
-    for k in range(15):
-        first = plan.stages[4 * k : 4 * k + 4]
-        assert [stage.kind for stage in first] == ["circle", "line", "circle", "line"]
-        assert first[0].path_at(())(-45 + 10 * k, 146 + k)[0] == -4900
-        assert first[0].trigger_at(()) == (-115 + 10 * k, 146 + k)
-        assert first[2].path_at(())(-40 + 10 * k, 11 + k)[0] == -5625
-    assert [part.at() for part in plan.final_point] == [175, 161]
-    assert plan.parameters == ()
-    assert same(read(plan_text(plan)), plan)
 
 
 def test_the_shipped_survey():
@@ -253,31 +166,6 @@ def test_a_shift_that_disagrees_in_both_signs_is_a_finding(header, codes):
     assert all(finding.severity == "warning" and finding.line == 1 for finding in findings)
 
 
-def test_a_shift_that_disagrees_with_the_sections_is_a_finding():
-    assert not [f for f in findings_of("2*sqrt(4900+c1)-150, 0\n" + SHORT) if f.code == "header-shift"]
-    assert [f.code for f in findings_of("-7, -1\n" + SHORT)] == ["header-shift"]
-
-
-def test_what_the_stages_do_decides():
-    for header in ("", "-10, -1", "10, 1", "5, 5"):
-        plan = read(laps(3, header))
-        assert plan.primitive_stages == 2
-        assert [part.at() for part in plan.shift] == [10, 1]
-
-
-def test_a_mis_file_has_the_same_sets_after_every_trigger():
-    text = TWO.replace("11\n", "11\n[-1000, 0]\n[2, 10]\n").replace("x+115", "x+115+0*c1")
-    plan = read(text)
-    assert [stage.sets for stage in plan.stages] == [(Box(-1000, 0), Box(2, 10))] * 2
-
-
-def test_without_sets_it_can_be_read_and_printed():
-    plan = read(TWO.replace("x+115", "x+115+c1"))
-    assert not plan.has_sets
-    assert plan.path_count == 1
-    assert same(read(plan_text(plan)), plan)
-
-
 def test_sets_in_a_header():
     plan = read("%: sets c1 [-1000,0], c2 [2, 5*2]\n" + TWO.replace("x+115", "x+115+c1"))
     assert [stage.sets for stage in plan.stages] == [(Box(-1000, 0), Box(2, 10))] * 2
@@ -326,10 +214,6 @@ def test_sections_may_come_in_any_order_but_names_before_their_use():
         "unknown name left" in fault
         for fault in faults_of("path:\n" + path + init.replace("%", "#") + "trig:\n" + tail)
     )
-
-
-def test_n_may_be_left_out():
-    assert same(read(SHORT.replace("n = 4\n", "")), read(SHORT))
 
 
 @pytest.mark.parametrize(
@@ -426,7 +310,7 @@ def test_a_path_that_is_not_smooth_is_a_warning():
 # --- canonical text ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("text", [TWO, APPENDIX, SHORT, laps(3, "-10, -1"), laps(2, "")])
+@pytest.mark.parametrize("text", [TWO, APPENDIX_RIGHT, SHORT, laps(3, "-10, -1"), laps(2, "")])
 def test_canonical_text_reads_as_the_same_plan(text):
     plan = read(text)
     printed = plan_text(plan)
@@ -515,11 +399,6 @@ def test_any_plan_is_read_as_it_was_written(plan):
     assert again == found
 
 
-def test_canonical_text_of_the_longest_path_can_be_read():
-    plan = read("1; 90; " + "+".join(["x"] * 5000) + "\n0, 0\n")
-    assert same(read(plan_text(plan)), plan)
-
-
 # --- every fault at once ----------------------------------------------------------------------------------------------
 
 
@@ -573,17 +452,6 @@ def test_places_are_those_of_the_first_character(text, place):
 
 
 @pytest.mark.parametrize(
-    ("text", "place"),
-    [
-        (SHORT.replace("180, 146", "180, 146 + c3"), "p:24:12:"),
-        ("-10, c3\n1; 90; x - c1\n0, 0\n[-5, 5]\n", "p:1:6:"),
-    ],
-)
-def test_an_index_without_a_set_is_said_where_it_stands(text, place):
-    assert faults_of(text)[0].startswith(place)
-
-
-@pytest.mark.parametrize(
     "text",
     [
         "1; 90; x\n[0, 1]\n0, 0\n",  # the trigger behind a set: not a second one
@@ -628,13 +496,8 @@ def test_a_long_line_is_cut_round_its_fault():
 # --- whatever comes ---------------------------------------------------------------------------------------------------
 
 
-@given(st.binary(max_size=80))
-def test_any_bytes_are_read_or_refused(data):
-    read_or_refuse(data.decode("utf-8", errors="replace"))
-
-
 @settings(suppress_health_check=[HealthCheck.too_slow])
-@given(st.sampled_from([TWO, APPENDIX, SHORT]), st.data())
+@given(st.sampled_from([TWO, APPENDIX_RIGHT, SHORT]), st.data())
 def test_a_plan_that_is_tampered_with_is_read_or_refused(text, data):
     for _ in range(data.draw(st.integers(1, 3))):
         at = data.draw(st.integers(0, len(text)))
@@ -642,11 +505,6 @@ def test_a_plan_that_is_tampered_with_is_read_or_refused(text, data):
         inserted = data.draw(st.one_of(st.text(max_size=2), st.text("0129.;,:[]()xyc^*/+- \n%", max_size=4)))
         text = text[:at] + inserted + text[at + dropped :]
     read_or_refuse(text)
-
-
-@given(st.permutations(SHORT.split("\n")))
-def test_lines_in_any_order_are_read_or_refused(lines):
-    read_or_refuse("\n".join(lines))
 
 
 def well_placed(faults, lines):
@@ -686,11 +544,6 @@ def test_nothing_but_an_input_error_gets_out(text):
 @pytest.mark.parametrize("path", ["x - a - 1/(a - 5)", "x - a - sqrt(-a)", "x - a - 9^9^a", "x - a - y*0*exp(a^5)"])
 def test_constants_that_coordinates_make_are_checked(path):
     assert faults_of(f"init:\na = 5, 1\npath:\n1; 90; {path}\na, 0\ntrig:\n9, 9\n")
-
-
-def test_values_beyond_a_float_are_no_warning():
-    stage = "1; 90; (1e300*x + 1)*(1e10*x)*(1e10*y)\n{}, 0\n"
-    read_or_refuse(stage.format(50) + stage.format(60))
 
 
 @pytest.mark.slow

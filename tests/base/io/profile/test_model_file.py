@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.signals import average
-from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, Infeasible, InputError
+from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, InputError
 from eadp.io.profile.measurements import LARGEST, STD_LIMIT, Configuration
 from eadp.io.profile.model_file import (
     ProfileFile,
@@ -75,12 +75,6 @@ def test_units_of_header(header: str) -> None:
     assert points_of(profile) == {(2,): 5.21438, (4,): 6.94212}
 
 
-def test_the_column_of_power_may_stand_anywhere() -> None:
-    profile = parse("fps,total_power_w,keysize\n2,5,32\n2,6,448\n10,9,32\n10,10,448\n")
-    assert profile.names == ("fps", "keysize")
-    assert points_of(profile) == {(2, 32): 5, (2, 448): 6, (10, 32): 9, (10, 448): 10}
-
-
 def test_a_transmitters_power_is_a_parameter() -> None:
     profile = parse("tx_power [dBm],power_w\n-10,1\n20,1.5\n")
     assert (profile.names, profile.units) == (("tx_power",), ("dBm",))
@@ -113,15 +107,6 @@ def test_repeated_configurations_are_averaged_with_their_spread() -> None:
     assert points_of(profile) == {(2,): 5.25, (4,): 7}
     assert profile.std_w.tolist() == pytest.approx([statistics.stdev([5, 5.5, 5.25]), 0])
     assert profile.samples.tolist() == [3, 1]
-
-
-@given(st.lists(st.floats(9.5, 10.5), min_size=1, max_size=20))
-def test_mean_and_spread_are_those_of_statistics(powers_w: list[float]) -> None:
-    rows = "".join(f"2,{power_w!r}\n" for power_w in powers_w)
-    profile = parse(f"fps,power_w\n{rows}4,11\n")
-    assert profile.power_w[0] == pytest.approx(statistics.mean(powers_w), rel=1e-12)
-    deviation_w = statistics.stdev(powers_w) if len(powers_w) > 1 else 0
-    assert profile.std_w[0] == pytest.approx(deviation_w, rel=1e-6, abs=1e-12)
 
 
 def test_comments_blank_lines_and_the_source() -> None:
@@ -224,12 +209,6 @@ def test_two_traces_at_one_configuration_are_two_runs(written: Callable[..., lis
     other = Configuration(("fps",), ("1/s",), (4.0,))
     profile, _ = read_profile(files, configurations=[STEADY, STEADY, other])
     assert profile.standard_error_w[0] == average([[3, 3.2], [3.4, 3.6]]).standard_error
-
-
-def test_parameters_of_several_files_in_any_order(written: Callable[..., list[str]]) -> None:
-    files = written(a="fps,keysize,power_w\n2,32,5\n2,448,6\n", b="keysize,power_w,fps\n32,9,10\n448,14,10\n")
-    profile, _ = read_profile(files)
-    assert points_of(profile) == {(2, 32): 5, (2, 448): 6, (10, 32): 9, (10, 448): 14}
 
 
 @pytest.mark.parametrize(
@@ -429,13 +408,6 @@ def test_a_model_is_known_by_its_content_or_its_ending(tmp_path: Path) -> None:
         read_profile(str(tmp_path / "m.yaml"))
 
 
-def test_a_models_defaults() -> None:
-    points = "[{at: [4], power_w: 7}, {at: [2], power_w: 5}]"
-    profile = parse(f"schema: eadp.profile/1\nparameters: [{{name: fps}}]\npoints: {points}")
-    assert (profile.source, profile.units, profile.interpolation) == ("", ("",), "linear")
-    assert points_of(profile) == {(2,): 5, (4,): 7}
-
-
 def test_names_for_a_model() -> None:
     assert parse(MODEL, "rate", "key").names == ("rate", "key")
 
@@ -581,23 +553,6 @@ def reference(name: str) -> str:
     if not file.is_file():
         pytest.skip(f"the published data is not beside this checkout: {file}")
     return str(file)
-
-
-def test_shipped_points_are_the_published_ones() -> None:
-    published, _ = read_profile(reference("pednet_jetson_nano.csv"), ["fps"])
-    shipped, _ = read_profile(str(ROOT / "profiles" / "pednet-jetson-nano.csv"))
-    assert points_of(shipped) == points_of(published)
-
-
-def test_published_powprofiler_model() -> None:
-    profile, warnings = read_profile(reference("landing_powprofiler_model.csv"))
-    columns = np.genfromtxt(reference("landing_powprofiler_model.csv"), delimiter=",", skip_header=1)
-    assert profile.names == ("p200",)
-    assert points_of(profile) == {(row[0],): row[1] for row in columns}
-    assert profile.levels(0, 0.5, 10) == (0.5, 1, 2, 10)
-    assert [warning.severity for warning in warnings] == ["warning"]
-    with pytest.raises(Infeasible):
-        profile.power_w_at((0.25,))
 
 
 TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")

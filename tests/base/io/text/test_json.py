@@ -1,7 +1,5 @@
 """JSON with places, beside what the standard library reads."""
 
-from __future__ import annotations
-
 import json
 
 from hypothesis import assume, given

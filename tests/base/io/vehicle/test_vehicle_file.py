@@ -1,7 +1,5 @@
 """Vehicle files: the shipped one, what a scenario makes of one, and what is refused."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

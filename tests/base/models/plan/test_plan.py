@@ -1,7 +1,5 @@
 """Boxes, stages and plans: what they answer about parameters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -54,14 +52,6 @@ def test_share_is_where_a_value_lies_between_the_bounds(box, part):
     assert (box.share(box.lo - 5), box.share(box.hi + 5)) == (0, 1), "a value is clipped first"
 
 
-def test_a_box_of_one_value_is_fixed_and_of_zeros_inhibited():
-    assert Box(4, 4).fixed
-    assert not Box(4, 4).inhibited
-    assert Box(0, 0).fixed
-    assert Box(0, 0).inhibited
-    assert not Box(-1, 0).inhibited
-
-
 # --- stages -----------------------------------------------------------------------------------------------------------
 
 
@@ -101,19 +91,6 @@ def test_parameters_are_the_paths_and_then_the_computations():
     )
     assert made.names == ("c1", "c2", "c3")
     assert made.has_sets
-
-
-def test_parameters_without_sets():
-    assert plan().names == ("c1",)
-    assert plan(path_count=0).parameters == ()
-    assert plan(path_count=2, computations=(("fps", ""),)).names == ("c1", "c2", "c3")
-    assert not plan().has_sets
-
-
-def test_the_hull_spans_the_stages():
-    made = plan(stage(1, sets=(Box(-1000, 0), Box(2, 6))), stage(2, sets=(Box(-500, 100), Box(4, 10))))
-    assert made.hull(0) == Box(-1000, 100)
-    assert made.hull(1) == Box(2, 10)
 
 
 def test_the_hull_leaves_out_where_a_computation_does_not_run():

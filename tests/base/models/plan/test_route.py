@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.observations import Piloted
-from common.plans import PARTS, WAVES
+from common.plans import PARTS, WAVES, plan_of, survey
 from common.routes import Tracked
 from scipy.integrate import quad
 
@@ -24,8 +24,6 @@ from eadp.core import compiled
 from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
@@ -100,15 +98,6 @@ trig:
 """
 
 
-def plan_of(text) -> Plan:
-    return read_plan(Text("p", text))[0]
-
-
-@lru_cache
-def survey() -> Plan:
-    return read_plan(read_text(str(ROOT / "plans" / "survey.plan")))[0]
-
-
 @lru_cache
 def covered(*more) -> Plan:
     """A plan of parts, of a real field."""
@@ -121,6 +110,10 @@ def covered(*more) -> Plan:
 
 def with_computations() -> Plan:
     return covered("--profile", str(ROOT / "profiles" / "pednet-jetson-nano.yaml"))
+
+
+def two_parameters() -> Plan:
+    return plan_of(TWO_PARAMETERS)
 
 
 def nearly_a_point(plan: Plan) -> Plan:
@@ -149,7 +142,7 @@ def alike(found, expected, tolerance=MICROMETRE):
 # --- at take-off ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("c1", np.linspace(-1000, 0, 8))
+@pytest.mark.parametrize("c1", [-1000.0, -400.0, 0.0])
 def test_the_survey_at_take_off_is_the_nominal_flight(c1):
     follower, start = begun(survey(), (0.0, 10.0))
     fresh, begin = begun(survey(), (c1, 10.0))
@@ -159,8 +152,7 @@ def test_the_survey_at_take_off_is_the_nominal_flight(c1):
     assert [leg.stage.index for leg in later[:4]] == [1, 2, 3, 4]
 
 
-@pytest.mark.quick(6)
-@pytest.mark.parametrize("share", np.linspace(0, 1, 9))
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("with_profile", [False, True])
 def test_plans_of_parts_at_take_off(share, with_profile):
     plan = with_computations() if with_profile else covered()
@@ -175,21 +167,6 @@ def test_curves_and_explicit_plans(text):
     plan = plan_of(text)
     follower, start = begun(plan, ())
     alike(follower.route(()).legs, nominal_legs(plan, (), start), MILLIMETRE)
-
-
-@pytest.mark.parametrize("c1", [4.0, 7.5, 20.0])
-@pytest.mark.parametrize("c2", [-30.0, 0.0, 12.0])
-def test_two_path_parameters(c1, c2):
-    plan = plan_of(TWO_PARAMETERS)
-    follower, start = begun(plan, (c1, c2, 4.0))
-    alike(follower.route((c1, c2, 4.0)).legs, nominal_legs(plan, (c1, c2), start))
-
-
-def test_the_published_plan(reference):
-    plan = read_plan(read_text(str(reference / "plans/plan_specification.pln")))[0]
-    for other in (plan, plan.laps()):
-        follower, start = begun(other, ())
-        alike(follower.route(()).legs, nominal_legs(other, (), start))
 
 
 def test_a_plan_whose_end_is_not_reached_is_refused():
@@ -307,51 +284,20 @@ def random_decisions(rng, plan, stages, count):
     }
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_on_the_survey_every_stage_tells_the_rest(seed):
-    rng, plan = random.Random(seed), nearly_a_point(survey())
-    parameters = (rng.uniform(-1000, 0), 10.0)
-    decisions = random_decisions(rng, plan, 40, rng.randrange(5))
+@pytest.mark.parametrize(
+    ("make", "first", "stages", "seed"),
+    [
+        *((survey, lambda rng, _: (rng.uniform(-1000, 0), 10.0), 40, seed) for seed in range(3)),
+        *((with_computations, lambda rng, box: (rng.uniform(box.lo, box.hi), 10.0), 60, seed) for seed in range(2)),
+        *((two_parameters, lambda rng, _: (rng.uniform(4, 20), rng.uniform(-30, 30), 4.0), 24, n) for n in range(3)),
+    ],
+)
+def test_every_stage_tells_the_rest(make, first, stages, seed):
+    rng, plan = random.Random(seed), nearly_a_point(make())
+    parameters = first(rng, box_of(plan))
+    decisions = random_decisions(rng, plan, stages, rng.randrange(6))
     start = default_start(plan, parameters)[0]
     told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_on_a_plan_of_parts_every_stage_tells_the_rest(seed):
-    rng, plan = random.Random(seed), nearly_a_point(with_computations())
-    box = box_of(plan)
-    parameters = (rng.uniform(box.lo, box.hi), 10.0)
-    decisions = random_decisions(rng, plan, 60, rng.randrange(6))
-    start = default_start(plan, parameters)[0]
-    told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_with_two_path_parameters_every_stage_tells_the_rest(seed):
-    rng, plan = random.Random(seed), plan_of(TWO_PARAMETERS)
-    plan = nearly_a_point(plan)
-    parameters = (rng.uniform(4, 20), rng.uniform(-30, 30), 4.0)
-    decisions = random_decisions(rng, plan, 24, 3)
-    start = default_start(plan, parameters)[0]
-    told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
-
-
-def test_a_decision_taken_as_a_stage_starts_waits_for_the_next_lap():
-    # the planner decides in the very step in which the stage changes: the stage starts with the old values
-    plan = nearly_a_point(survey())
-    start = default_start(plan, (0.0, 10.0))[0]
-    itinerary, predictor = PlanExecutor(plan, (0.0, 10.0), start, FLOWN), RoutePredictor()
-    begin, new = start, (-900.0, 10.0)
-    for k in range(12):
-        for point, _ in way(itinerary, begin):
-            changed = itinerary.advance(*point)
-        assert changed
-        begin = point
-        if k == 2:  # the stage that has just started is the one at whose start path parameters take effect
-            itinerary.decide(new, begin)
-        course = predictor.route(itinerary.cursor, itinerary.joined_m)
-        assert course.legs[0].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE)
-        assert course.parameters[0][0] == itinerary.parameters[0] == (0.0 if k < 6 else -900.0)
 
 
 def test_a_decision_where_sets_differ_between_stages():
@@ -403,29 +349,10 @@ def test_live_changes_in_the_second_lap():
     told_at_every_stage(plan, flights[7:], forecasts[7:], {})
 
 
-def test_live_changes_in_the_first_lap_move_stages_to_come():
-    plan, rules = nearly_a_point(survey()), Rules(LIVE)
-    follower, _ = begun(plan, (0.0, 10.0), rules)
-    follower.decide((-900.0, 10.0))
-    assert follower.cursor.accepts_changes()
-    course = follower.route((-900.0, 10.0))
-    assert {own[0] for own in course.parameters} == {-900.0}
-
-
 # --- latches ----------------------------------------------------------------------------------------------------------
 
 
-def test_path_parameters_can_take_effect_with_the_next_stage_before_the_latch_alone():
-    plan = survey()
-    follower, _ = begun(plan, (0.0, 10.0))
-    found = []
-    for _ in range(8):
-        found.append((follower.stage.index, follower.cursor.accepts_changes()))
-        follower.next_stage()
-    assert found == [(1, False), (2, False), (3, True), (4, False)] * 2
-
-
-@pytest.mark.parametrize("make", [survey, with_computations, lambda: plan_of(TWO_PARAMETERS)])
+@pytest.mark.parametrize("make", [survey, with_computations, two_parameters])
 def test_before_the_latch_means_that_the_next_leg_has_what_is_decided_now(make):
     plan = make()
     first = tuple(box.lo + 0.6 * (box.hi - box.lo) for box in map(plan.hull, range(len(plan.parameters))))
@@ -442,21 +369,6 @@ def test_before_the_latch_means_that_the_next_leg_has_what_is_decided_now(make):
 
 
 # --- courses kept -----------------------------------------------------------------------------------------------------
-
-
-def test_what_is_remembered_does_not_leak_between_parameters():
-    rng, plan = random.Random(5), survey()
-    follower, _ = begun(plan, (-200.0, 10.0))
-    for _ in range(3):
-        follower.next_stage()
-    asked = [(rng.choice([-1000.0, -999.999999, -300.0, 0.0, rng.uniform(-1000, 0)]), 10.0) for _ in range(25)]
-    found = {parameters: of_legs(follower.route(parameters).legs) for parameters in asked}
-    for parameters, legs in found.items():
-        fresh, _ = begun(plan, (-200.0, 10.0))
-        for _ in range(3):
-            fresh.next_stage()
-        assert of_legs(fresh.route(parameters).legs) == pytest.approx(legs, abs=MICROMETRE)
-        assert np.array_equal(of_legs(follower.route(parameters).legs), legs)
 
 
 def test_what_is_left_of_a_plan_flown_once_is_that_of_the_route_before():
@@ -499,27 +411,6 @@ def test_after_is_the_course_from_the_next_stage(make):
         assert after.stages.tolist() == course.stages.tolist()[1:]
 
 
-def test_shares_by_leg():
-    plan = plan_of(TWO_PARAMETERS)
-    follower, _ = begun(plan, (5.0, 0.0, 6.0))
-    course = follower.route((5.0, 0.0, 6.0))
-    for i, (leg, own) in enumerate(zip(course.legs, course.parameters, strict=True)):
-        for j, box in enumerate(leg.stage.sets):
-            expected = (min(max(own[j], box.lo), box.hi) - box.lo) / (box.hi - box.lo) if box.lo < box.hi else 0
-            assert course.table.rows.shares[course.order][i, j] == pytest.approx(expected)
-    rows = list(zip(course.stages.tolist(), course.parameters, strict=True))
-    assert len(set(course.order.tolist())) >= len(set(rows)) > 1, "legs that repeat are one row"
-    assert [course.table.stages[row] for row in course.order] == [leg.stage for leg in course.legs]
-
-
-def test_stages_without_sets_have_no_shares():
-    plan = plan_of("0.1; 90; x - c1\nc1, 400\n")
-    follower = Tracked(plan, (3.0,), (3.0, 0.0))
-    course = follower.route((3.0,))
-    assert not course.table.rows.shares[course.order].any()
-    assert course.table.rows.shares.shape == (1, 1)
-
-
 # --- times ------------------------------------------------------------------------------------------------------------
 
 
@@ -542,7 +433,7 @@ def integrated(leg, airspeed_mps, wind_mps, step_m=0.05):
 
 @pytest.mark.quick(4)
 @pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, 3.0), (-8.0, 2.0)])
-@pytest.mark.parametrize("make", [survey, lambda: plan_of(A_CURVE), lambda: plan_of(TWO_PARAMETERS)])
+@pytest.mark.parametrize("make", [survey, lambda: plan_of(A_CURVE), two_parameters])
 def test_times_and_turning_against_fine_steps(make, wind_mps):
     plan = make()
     parameters = (9.0, 5.0, 4.0)[: len(plan.parameters)] if plan.path_count != 1 else (-400.0, 10.0)
@@ -555,13 +446,6 @@ def test_times_and_turning_against_fine_steps(make, wind_mps):
         curve = course.legs[i].stage.kind not in (LINE, CIRCLE)
         assert times[i] == pytest.approx(seconds, rel=QUADRATURE, abs=1e-6)
         assert turning[i] == pytest.approx(bank, rel=0.05 if curve else 5 * QUADRATURE, abs=1e-3)
-
-
-def test_in_calm_air_time_is_length_over_speed():
-    follower, _ = begun(survey(), (-400.0, 10.0))
-    course = follower.route((-400.0, 10.0))
-    times, _ = course.times_s(15.0, (0.0, 0.0))
-    assert times == pytest.approx([leg.distance_m / 15 for leg in course.legs], rel=1e-9)
 
 
 @pytest.mark.parametrize("wind_mps", [(0.0, 15.5), (20.0, 0.0), (0.0, -15.0)])
@@ -635,15 +519,6 @@ def test_left_of_a_whole_turn_is_told_apart_by_what_is_flown():
     assert left_m(leg, (50.0, 1.0), 300.0) == pytest.approx(0, abs=1.0)
 
 
-def test_left_stays_within_the_leg():
-    follower, _ = begun(survey(), (-400.0, 10.0))
-    rng = random.Random(3)
-    for leg in follower.route((-400.0, 10.0)).legs[:8]:
-        for _ in range(20):
-            place = (rng.uniform(-500, 500), rng.uniform(-500, 500))
-            assert 0 <= left_m(leg, place, rng.uniform(0, leg.distance_m)) <= leg.distance_m
-
-
 # --- where a plan is over ---------------------------------------------------------------------------------------------
 
 
@@ -670,26 +545,6 @@ def first_beyond_m(leg, final, shift, radius, slack_m=0.0):
     return found if found < math.inf else None
 
 
-@pytest.mark.parametrize("seed", few(range(8), 3))
-def test_where_a_plan_is_over_against_looking_every_centimetre(seed):
-    rng = random.Random(seed)
-    if seed % 2:
-        sign = rng.choice([1, -1])
-        begin, trigger = ((-sign * 72.0, -sign * 54.0), (sign * 72.0, sign * 54.0))
-        leg = a_leg("3*x - 4*y", begin, trigger, 90 if sign > 0 else 270)
-    else:
-        end = rng.uniform(0.5, 6.0)
-        begin, trigger = (60.0, 0.0), (60 * math.cos(end), 60 * math.sin(end))
-        leg = a_leg("x^2 + y^2 - 3600", begin, trigger)
-    final = (rng.uniform(-70, 70), rng.uniform(-70, 70))
-    shift = (rng.choice([0.0, 10.0, -10.0]), rng.choice([0.0, 3.0, -3.0]))
-    radius = rng.uniform(2, 40)
-    found, expected = (how(leg, final, shift, radius) for how in (first_beyond_m, first_by_steps))
-    assert (found is None) == (expected is None)
-    if expected is not None:
-        assert found == pytest.approx(expected, abs=0.02)
-
-
 def test_where_a_plan_is_over_on_a_curve():
     """y = 10 sin(x/60) rises over 6 m at x = 60 asin 0.6; ds² = (1 + cos²(x/60)/36) dx²."""
     leg = a_leg("y - 10*sin(x/60)", (0.0, 0.0), (150.0, 10 * math.sin(2.5)), 270)
@@ -700,15 +555,6 @@ def test_where_a_plan_is_over_on_a_curve():
     expected_m, _ = quad(lambda x: math.hypot(1, math.cos(x / 60) / 6), 0.0, 80.0)
     assert first_beyond_m(leg, (100.0, 6.0), (0.0, 1.0), 20.0) == pytest.approx(expected_m, abs=0.01)
     assert first_beyond_m(leg, (0.0, 11.0), (0.0, 1.0), 200.0) is None
-
-
-@pytest.mark.parametrize(("path", "to", "join"), [("y", (0.0, 0.0), (1.0, 0.0)), ("x", (0.0, 0.0), (0.0, 1.0))])
-def test_a_stage_joined_elsewhere_has_another_length(path, to, join):
-    plan = plan_of(f"0.1; 90; {path}\n{to[0]!r}, {to[1]!r}\n")
-    cursor, predictor = PlanCursor.start(plan, ()), RoutePredictor()
-    for metres in (100.0, 60.0, 60.5):
-        start = (metres * join[0], metres * join[1])
-        assert predictor.route(cursor, start).legs[0].length_m == pytest.approx(metres)
 
 
 def test_a_short_stretch_on_a_circle_is_where_the_plan_is_over():
@@ -722,67 +568,25 @@ def test_a_short_stretch_on_a_circle_is_where_the_plan_is_over():
 # --- the margin at the end --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.quick(2)
-@pytest.mark.parametrize("slack_m", [3.0, -3.0])
-@pytest.mark.parametrize("seed", few(range(4), 2))
-def test_slack_moves_the_end_along_the_shift(seed, slack_m):
+@pytest.mark.parametrize("slack_m", [0.0, 3.0, -3.0])
+@pytest.mark.parametrize("seed", few(range(8), 3))
+def test_where_a_plan_is_over_against_looking_every_centimetre(seed, slack_m):
     """Beyond is counted from so much before the final point along each part of the shift; below 0, after it."""
     rng = random.Random(seed)
     if seed % 2:
-        leg = a_leg("3*x - 4*y", (-72.0, -54.0), (72.0, 54.0))
+        sign = rng.choice([1, -1])
+        leg = a_leg("3*x - 4*y", (-sign * 72.0, -sign * 54.0), (sign * 72.0, sign * 54.0), 90 if sign > 0 else 270)
     else:
         end = rng.uniform(0.5, 6.0)
         leg = a_leg("x^2 + y^2 - 3600", (60.0, 0.0), (60 * math.cos(end), 60 * math.sin(end)))
     final = (rng.uniform(-70, 70), rng.uniform(-70, 70))
     shift = (rng.choice([0.0, 10.0, -10.0]), rng.choice([0.0, 3.0, -3.0]))
     nearer = tuple(value - slack_m * (d > 0) + slack_m * (d < 0) for value, d in zip(final, shift, strict=True))
-    found, expected = first_beyond_m(leg, final, shift, 20.0, slack_m), first_by_steps(leg, nearer, shift, 20.0)
+    radius = rng.uniform(2, 40)
+    found, expected = first_beyond_m(leg, final, shift, radius, slack_m), first_by_steps(leg, nearer, shift, radius)
     assert (found is None) == (expected is None)
     if expected is not None:
         assert found == pytest.approx(expected, abs=0.02)
-
-
-@lru_cache
-def flown_survey(c1):
-    """Stages and seconds that a simulated flight of the survey takes."""
-    outcome = simulated(c1, Wind(), 0.05)
-    return len(outcome.stage_times_s) + 1, outcome.duration_s
-
-
-def told_survey(c1, margin_m=0.0):
-    """The same as forecast."""
-    follower, _ = begun(survey(), (c1, 10.0))
-    course = follower.route((c1, 10.0), margin_m)
-    return len(course.legs), float(course.times_s(15.0, (0.0, 0.0))[0].sum())
-
-
-def test_with_a_margin_before_it_an_end_that_is_just_reached_is_the_end():
-    # at c1 = 0 the last lap's line ends on the final point to a hair: the aircraft, a little beside it, is done
-    stages, seconds = flown_survey(0.0)
-    told = told_survey(0.0, -1.0)
-    assert (stages, told[0]) == (61, 61)
-    assert told[1] == pytest.approx(seconds, rel=0.005)
-    assert told_survey(0.0)[0] == 65, "exactly, it is a lap more"
-
-
-def test_an_end_that_is_passed_by_less_than_the_margin_is_not_counted_on():
-    # at c1 = -1000 the plan is over at the end of a line, and on the turn after it where more is asked for
-    follower, _ = begun(survey(), (-1000.0, 10.0))
-    told = []
-    for margin_m in (0.0, 3.0):
-        course = follower.route((-1000.0, 10.0), margin_m)
-        told.append(sum(leg.distance_m for leg in course.legs))
-    assert 0 < told[1] - told[0] < 10
-
-
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("c1", [0.0, -500.0, -1000.0])
-def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_more(c1):
-    stages, seconds = flown_survey(c1)
-    told = told_survey(c1, MARGIN_M)
-    assert stages - 1 <= told[0] <= stages + 4
-    lap_s = seconds / (stages / 4)
-    assert -0.005 * seconds <= told[1] - seconds <= 1.1 * lap_s
 
 
 @pytest.mark.parametrize("c1", [0.0, -110.0, -335.0, -1000.0])
@@ -809,19 +613,6 @@ def test_uncertain_ends_are_where_the_plan_ends_for_each_margin(c1):
             assert flown_m <= found.legs[-1].distance_m + 40
 
 
-def test_at_the_end_to_a_hair_there_are_two_ends():
-    """The published survey at c1 = 0: flown, the plan ends on stage 61; it may take a lap more."""
-    follower, _ = begun(survey(), (0.0, 10.0))
-    course = follower.route((0.0, 10.0), MARGIN_M)
-    assert (len(course.legs), [end.leg for end in course.ends]) == (65, [60])
-    assert abs(course.ends[0].clearance_m) < 0.1
-    assert flown_survey(0.0)[0] == course.ends[0].leg + 1
-    for _ in range(60):
-        course = course.after()
-    assert [end.leg for end in course.ends] == [0]
-    assert course.after().ends == ()
-
-
 class _EachLap(RoutePredictor):
     """Lays every lap out on its own."""
 
@@ -830,8 +621,7 @@ class _EachLap(RoutePredictor):
 
 
 @pytest.mark.parametrize("c1", [0.0, -311.7, -1000.0])
-@pytest.mark.parametrize("passed", [0, 9])
-@pytest.mark.parametrize("now", [-500.0, -1000.0])
+@pytest.mark.parametrize(("passed", "now"), [(0, -500.0), (9, -1000.0)])
 def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
     """Also from the middle of a lap, and of another c1 than the one decided."""
     plan = survey()
@@ -852,7 +642,7 @@ def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
 
 
 @pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_ends_on_legs_are_the_same_compiled(seed):
     rng = random.Random(seed)
     legs = [

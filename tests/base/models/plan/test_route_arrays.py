@@ -1,8 +1,5 @@
 """Several routes in flat arrays against loops over each route and over cursors."""
 
-from __future__ import annotations
-
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -70,13 +67,6 @@ def test_flat_arrays_are_the_routes_one_after_the_other(name):
     assert np.count_nonzero(legs.beyond_m) <= len(routes)
 
 
-@pytest.mark.parametrize("name", PLANS)
-def test_sums_of_columns_are_sums_of_each(name):
-    legs = RouteArrays.of(routes_of(name))
-    values = np.random.default_rng(1).normal(size=(len(legs.order), 3))
-    assert legs.sums(values) == pytest.approx(np.array([legs.sums(column) for column in values.T]).T)
-
-
 # --- runs, scales and what lies beyond the end ------------------------------------------------------------------------
 
 
@@ -111,17 +101,6 @@ def test_runs_and_scales_against_cursors_moved_stage_by_stage(name, started):
             runs += [number] * len(own)
         assert route.runs.tolist() == runs
         assert route.scales == pytest.approx(expected, abs=ALGEBRA)
-
-
-@pytest.mark.parametrize("started", [0, 3])
-def test_the_strip_of_the_last_lap_is_as_long_as_the_others(started):
-    """Length flown of the last lap and beyond the plan's end are those of the lap before."""
-    for route in routes_of("survey", started):
-        lengths = np.array([leg.distance_m for leg in route.legs])
-        of_runs = np.bincount(route.runs, lengths, len(route.scales))
-        whole = of_runs[-2] if len(of_runs) > 2 else None
-        if whole is not None:
-            assert of_runs[-1] + route.beyond_m == pytest.approx(whole, abs=1.0)
 
 
 # --- ground -----------------------------------------------------------------------------------------------------------
@@ -159,30 +138,3 @@ def test_ground_against_a_loop_over_laps(name, started):
             expected, flown_per_s = ground_by_loops(route, flown, times_s[legs.place == i])
             assert ground[legs.place == i] == pytest.approx(expected, abs=1e-6)
             assert per_s[i] == pytest.approx(flown_per_s, abs=1e-6)
-
-
-@pytest.mark.parametrize("name", PLANS)
-def test_wind_does_not_change_what_a_lap_stands_for(name):
-    routes = routes_of(name)
-    legs, sums = RouteArrays.of(routes), []
-    for wind_mps in ((0.0, 0.0), (8.0, 0.0), (-3.0, 7.0)):
-        times_s = np.concatenate([route.times_s(15.0, wind_mps)[0] for route in routes])
-        ground, _ = legs.ground(FlownGround(), times_s)
-        sums.append(np.bincount(legs.run, ground))
-        # within a lap ground goes with time: a second is worth the same on all its legs
-        for run in range(int(legs.run.max()) + 1):
-            mine = (legs.run == run) & (times_s > 1e-6)
-            if mine.any():
-                per_s = ground[mine] / times_s[mine]
-                assert per_s == pytest.approx(np.full(mine.sum(), per_s[0]))
-    assert sums[1] == pytest.approx(sums[0], abs=1e-6)
-    assert sums[2] == pytest.approx(sums[0], abs=1e-6)
-
-
-def test_a_run_that_takes_no_time_has_no_ground():
-    routes = routes_of("survey")
-    legs = RouteArrays.of(routes)
-    ground, per_s = legs.ground(FlownGround(), np.zeros(len(legs.order)))
-    assert not ground.any()
-    assert np.isfinite(per_s).all()
-    assert math.isfinite(float(legs.scales.sum()))

@@ -1,24 +1,16 @@
 """Plans of parts: read, walked, flown; variables that change from lap to lap; what cannot be read."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
-from common.plans import PARTS
+from common.plans import PARTS, plan_of
 
-from eadp.check.check import check_plan
 from eadp.errors import InputError, PathUndefined
 from eadp.io.plan.reader import read_plan
-from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.trace import nominal_legs
-
-
-def plan(text=PARTS):
-    return read_plan(Text("p", text))[0]
 
 
 def stages(cursor):
@@ -40,11 +32,11 @@ def test_laps_follow_one_another_until_the_condition_holds(c1):
     while s < 90:
         expected += [(index, pytest.approx(s)) for index in (2, 3, 4, 5)]
         s = min(s + step(c1), 90)
-    assert stages(PlanCursor.start(plan(), [c1, 10])) == [*expected, (6,)]
+    assert stages(PlanCursor.start(plan_of(PARTS), [c1, 10])) == [*expected, (6,)]
 
 
 def test_a_change_waits_for_the_stage_before_the_laps_bend():
-    cursor = PlanCursor.start(plan(), [0.0, 10.0]).next()
+    cursor = PlanCursor.start(plan_of(PARTS), [0.0, 10.0]).next()
     assert cursor.stage.index == 2
     cursor = cursor.decide((-900.0, 4.0))
     assert cursor.parameters == (0.0, 4.0)  # the computation at once, the path not yet
@@ -57,8 +49,8 @@ def test_a_change_waits_for_the_stage_before_the_laps_bend():
 
 def test_the_quality_counts_a_path_parameter_where_laps_depend_on_it():
     """c1 is named by a formula of the laps alone; the computation counts wherever it has a choice."""
-    free = [[not box.fixed for box in sets] for sets in plan().quality_sets]
-    sets = [stage.sets[1] for stage in plan().stages]
+    free = [[not box.fixed for box in sets] for sets in plan_of(PARTS).quality_sets]
+    sets = [stage.sets[1] for stage in plan_of(PARTS).stages]
     assert [c1 for c1, _ in free] == [False, True, True, True, True, False]
     assert [c2 for _, c2 in free] == [not box.fixed for box in sets]
 
@@ -69,63 +61,13 @@ def test_laps_that_are_over_before_they_begin_are_passed_over():
         .replace("x - 10\n", "x - 100\n")
         .replace("10, 100", "100, 100")
     )
-    assert [index for index, *_ in stages(PlanCursor.start(plan(text), [0.0, 10.0]))] == [1, 6]
+    assert [index for index, *_ in stages(PlanCursor.start(plan_of(text), [0.0, 10.0]))] == [1, 6]
 
 
 def test_laps_without_end_are_refused():
     text = PARTS.replace("next - s", "0")
     with pytest.raises(PathUndefined, match="10000 laps"):
-        nominal_legs(plan(text), [0.0, 10.0])
-
-
-def test_the_canonical_text_reads_as_the_same_plan():
-    text = plan_text(plan())
-    again = plan(text)
-    assert plan_text(again) == text
-    assert again.segments == plan().segments
-
-
-def test_the_check_finds_nothing_in_a_sound_plan_and_a_gap_in_another():
-    assert check_plan(plan()).findings == ()
-    report = check_plan(plan(PARTS.replace("10 + next, 0", "11 + next, 0")))
-    assert {(item.code, item.stage) for item in report.findings} == {("trigger-off-path", 5), ("trigger-off-next", 5)}
-
-
-def test_the_check_looks_at_what_a_change_leaves_behind():
-    stage = "0.1; 90; x - c1/100\nc1/100, {y}\n[-900, 0]\n"
-    both = "path:\n" + stage.format(y=100) + "path:\n" + stage.format(y=200)
-    # the same c1 throughout leads from one to the other; another one leaves the second line up to 9 m aside
-    assert [item.code for item in check_plan(plan(both)).findings] == ["trigger-off-next"]
-    assert check_plan(plan(both.replace("[-900, 0]", "[-9, -9]"))).findings == ()
-
-
-def test_the_first_lap_in_parameters_alone():
-    known = plan().segments[1].first_lap()
-    assert known["top"].at([0.0]) == 500
-    assert known["next"].at([-900.0]) == pytest.approx(step(-900))
-    assert all(not value.names - {"c1", "c2"} for value in known.values())
-
-
-def test_flown_stage_by_stage_the_plan_is_its_nominal_legs():
-    p = plan()
-    legs = nominal_legs(p, [-900.0, 10.0])
-    itinerary = PlanExecutor(p, (-900.0, 10.0), legs[0].start_m, Rules())
-    begun = [itinerary.stage.index]
-    for leg in legs:
-        for i in range(1, 200):
-            share = i / 199
-            if leg.stage.kind == "line":
-                x = leg.start_m[0] + share * (leg.end_m[0] - leg.start_m[0])
-                y = leg.start_m[1] + share * (leg.end_m[1] - leg.start_m[1])
-            else:
-                cx, cy = ((a + b) / 2 for a, b in zip(leg.start_m, leg.end_m, strict=True))
-                angle = math.atan2(leg.start_m[1] - cy, leg.start_m[0] - cx) - math.pi * share
-                radius = math.dist(leg.start_m, leg.end_m) / 2
-                x, y = cx + radius * math.cos(angle), cy + radius * math.sin(angle)
-            if itinerary.advance(x, y):
-                begun.append(itinerary.stage.index)
-    assert itinerary.complete
-    assert begun == [leg.stage.index for leg in legs]
+        nominal_legs(plan_of(text), [0.0, 10.0])
 
 
 @pytest.mark.parametrize(
@@ -145,7 +87,7 @@ def test_flown_stage_by_stage_the_plan_is_its_nominal_legs():
 def test_what_is_wrong_is_said_with_its_place(old, new, line, message):
     assert old in PARTS
     with pytest.raises(InputError) as caught:
-        plan(PARTS.replace(old, new, 1))
+        plan_of(PARTS.replace(old, new, 1))
     fault = caught.value.faults[0]
     assert (fault.line, message in fault.message) == (line, True), fault
 
@@ -153,19 +95,13 @@ def test_what_is_wrong_is_said_with_its_place(old, new, line, message):
 def test_laps_at_the_end_need_a_stage_after_them():
     text = PARTS[: PARTS.index("path:\n0.1; 90; x - 100\n")]
     with pytest.raises(InputError, match="the plan ends with laps"):
-        plan(text)
+        plan_of(text)
 
 
 def test_laps_before_another_part_end_on_a_condition():
     laps = "init:\na = 0, 10\npath:\n0.1; 90; x - a\na, 50\ntrig:\n90, 50\n"
     with pytest.raises(InputError, match="laps that do not end on a condition"):
-        plan(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
-
-
-def test_laps_without_quantities_keep_their_text():
-    text = "init:\npath:\n0.1; 90; y\n0, 0\ntrig:\n1 >= 0\npath:\n0.1; 90; y\n10, 0\n"
-    written = plan_text(plan(text))
-    assert plan_text(plan(written)) == written
+        plan_of(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
 
 
 def test_a_shift_that_the_laps_do_not_have_is_a_finding():
@@ -174,41 +110,19 @@ def test_a_shift_that_the_laps_do_not_have_is_a_finding():
     assert [item.code for item in findings] == ["header-shift"]
 
 
-@pytest.mark.slow
-def test_laps_without_end_are_found_once_and_not_taken_for_stages_never_flown():
-    findings = check_plan(plan(PARTS.replace("next - s", "0"))).findings
-    assert sum("10000 laps" in item.message for item in findings) == 1
-    assert "never-flown" not in {item.code for item in findings}
-
-
 def test_more_quantities_than_the_limit_are_refused():
     many = "\n".join(f"q{i} = {i}" for i in range(300))
     with pytest.raises(InputError, match="at most 200"):
-        plan(PARTS.replace("top = 500", many + "\ntop = 500"))
+        plan_of(PARTS.replace("top = 500", many + "\ntop = 500"))
 
 
 def test_where_others_tell_what_is_flown():
-    itinerary = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    itinerary = PlanExecutor(plan_of(PARTS), (0.0, 10.0), (10.0, 0.0), Rules())
     stages = [itinerary.stage.index]
-    ahead = {index: itinerary.stages_to(index) for index in range(len(plan().stages) + 2)}
+    ahead = {index: itinerary.stages_to(index) for index in range(len(plan_of(PARTS).stages) + 2)}
     while itinerary.skip((0.0, 0.0)):
         stages.append(itinerary.stage.index)
     assert itinerary.complete
     first = {index: stages.index(index, 1) if index in stages[1:] else None for index in ahead}
     assert ahead == first
     assert len(stages) > len(set(stages)), "laps"
-
-
-def test_parameters_that_are_known_to_be_in_force():
-    itinerary = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
-    itinerary.skip(itinerary.trigger_m)
-    assert itinerary.take_in_force((-400.0, 10.0), itinerary.trigger_m)
-    assert itinerary.parameters == (-400.0, 10.0)
-    last = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
-    while last.stages_to(last.stage.index) is not None or last.stages_to(len(plan().stages)) is not None:
-        last.skip(last.trigger_m)
-    x, y = last.trigger_m
-    for point in ((x, y - 50), (x, y)):
-        assert not last.complete
-        last.stay(*point)
-    assert last.complete

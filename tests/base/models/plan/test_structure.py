@@ -1,7 +1,5 @@
 """n and d(c) found in explicit stages."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest
@@ -95,12 +93,6 @@ def test_the_shift_of_laps_is_that_of_all_their_stages(second, shift):
     assert (found if found is None else [part.at() for part in found]) == shift
 
 
-def test_less_than_two_laps_show_nothing():
-    assert plan(survey(1))[0].primitive_stages is None
-    text = "".join(survey(2).splitlines(keepends=True)[:-3])  # seven stages
-    assert plan(text)[0].primitive_stages is None
-
-
 def test_a_lap_that_is_cut_short_still_shows_its_structure():
     text = "".join(survey(3).splitlines(keepends=True)[:-3])  # eleven stages: two whole laps and three stages
     found, _ = plan(text)
@@ -136,11 +128,6 @@ def test_laps_that_differ_in_gain_or_sets_are_not_flown_as_laps():
     found, _ = plan(text[:last] + "[-500, 0]\n")
     assert found.primitive_stages == 4
     assert not found.whole_laps
-
-
-def test_stages_in_place_are_no_laps():
-    lines = "0.006; 90; x^2+y^2-100^2\n100, 0\n" * 4
-    assert plan(lines)[0].primitive_stages is None
 
 
 def test_a_header_that_disagrees_in_both_signs_is_a_finding():

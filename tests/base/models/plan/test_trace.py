@@ -1,78 +1,22 @@
 """The nominal flight against hand-worked lengths."""
 
-from __future__ import annotations
-
-import itertools
 import math
 
 import pytest
+from common.plans import SHORT, plan_of
 
 from eadp.errors import PathUndefined
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text
 from eadp.models.plan.trace import default_start, nominal_legs, trace, varied_legs
 
-ON_CIRCLE = """\
-init:
-n = 4
-left = -115, 150 - 2*sqrt(4900 + c1)
-right = 35, 150 - 2*sqrt(4900 + c1)
-path:
-0.006; 90; (x - left - sqrt(4900 + c1))^2 + (y - 146)^2 - 4900 - c1
-left, 146
-[-1000, 0]
-0.1; 270; x - left
-left, 0
-[-1000, 0]
-0.006; 90; (x - left - 75)^2 + y^2 - 75^2
-right, 0
-[-1000, 0]
-0.1; 90; x - right
-right, 146
-[-1000, 0]
-trig:
-180, 146
-"""
-
-
-def plan(text):
-    return read_plan(Text("p", text))[0]
-
-
-def test_a_lap_is_two_half_circles_and_two_lines():
-    legs = nominal_legs(plan(ON_CIRCLE), (-500.0,))
-    r2 = math.sqrt(4400)
-    second = [leg.length_m for leg in legs if leg.lap == 1]
-    assert second == pytest.approx([math.pi * r2, 146, math.pi * 75, 146])
-    first = [leg.length_m for leg in legs if leg.lap == 0]
-    assert first[0] == pytest.approx(math.pi * r2 / 2), "from a quarter before its trigger"
-
-
-@pytest.mark.parametrize("c1", [0.0, -500.0, -1000.0])
-def test_it_ends_where_the_position_is_beyond_the_final_point(c1):
-    legs = nominal_legs(plan(ON_CIRCLE), (c1,))
-    d = 150 - 2 * math.sqrt(4900 + c1)
-    # lines go up at x = 35 + k d; the first beyond 180, and within 20 m of y = 146 there
-    assert legs[-1].lap == math.ceil((180 - 35) / d)
-    end = trace(plan(ON_CIRCLE), (c1,), 1.0)[-1]
-    assert end.x_m > 180
-    assert abs(end.y_m - 146) <= 20 + 1e-3
-
-
-def test_it_joins_itself():
-    points = trace(plan(ON_CIRCLE), (-777.0,), 2.0)
-    gaps = [math.dist(a[2:4], b[2:4]) for a, b in itertools.pairwise(points)]
-    assert max(gaps) <= 2.0 + 1e-9
-    turns = [abs(math.remainder(b.heading_rad - a.heading_rad, 2 * math.pi)) for a, b in itertools.pairwise(points)]
-    assert max(turns) <= 2.0 / math.sqrt(4900 - 777) + 1e-6
+ON_CIRCLE = SHORT.replace("%: computations fps\n", "").replace("[2, 10]\n", "")
 
 
 def test_default_starts():
-    (x, y), heading = default_start(plan("0.1; 90; x\n0, 400\n"), ())
+    (x, y), heading = default_start(plan_of("0.1; 90; x\n0, 400\n"), ())
     assert (x, y, heading) == pytest.approx((0, 300, math.pi / 2))
-    (x, y), heading = default_start(plan(ON_CIRCLE), (0.0,))
+    (x, y), heading = default_start(plan_of(ON_CIRCLE), (0.0,))
     assert (x, y, abs(heading)) == pytest.approx((-45, 216, math.pi))
-    (x, y), heading = default_start(plan("0.1; 270; y-(x/50)^2\n100, 4\n"), ())
+    (x, y), heading = default_start(plan_of("0.1; 270; y-(x/50)^2\n100, 4\n"), ())
     assert y == pytest.approx((x / 50) ** 2, abs=1e-6)
     assert 99 < math.hypot(100 - x, 4 - y) <= 100.01
     assert heading == pytest.approx(math.atan(2 * x / 2500), abs=1e-6)
@@ -80,20 +24,20 @@ def test_default_starts():
 
 def test_a_plan_that_never_reaches_its_final_point_says_so():
     away = ON_CIRCLE.replace("180, 146", "-500, 146").replace("150 - 2*sqrt(4900 + c1)", "10")
-    assert nominal_legs(plan(away), (0.0,))[-1].lap == 0, "beyond along the shift at once"
+    assert nominal_legs(plan_of(away), (0.0,))[-1].lap == 0, "beyond along the shift at once"
     with pytest.raises(PathUndefined, match="does not reach its final point"):
-        nominal_legs(plan(ON_CIRCLE.replace("180, 146", "180, 300")), (0.0,))
+        nominal_legs(plan_of(ON_CIRCLE.replace("180, 146", "180, 300")), (0.0,))
 
 
 def test_a_trace_without_end_is_refused():
     with pytest.raises(PathUndefined, match="5000000 points"):
-        trace(plan(ON_CIRCLE), (0.0,), 1e-6)
+        trace(plan_of(ON_CIRCLE), (0.0,), 1e-6)
 
 
 def test_each_lap_alone_at_other_values_lies_where_the_laps_before_it_lead():
     """Lap k of ON_CIRCLE at c after k − 1 laps at 0: shifted k − 1 times by 10 m, and once by 150 − 2 √(4900 + c)."""
-    laps = varied_legs(plan(ON_CIRCLE), (0.0,), (-900.0,))
-    nominal = nominal_legs(plan(ON_CIRCLE), (0.0,))
+    laps = varied_legs(plan_of(ON_CIRCLE), (0.0,), (-900.0,))
+    nominal = nominal_legs(plan_of(ON_CIRCLE), (0.0,))
     assert [len(lap) for lap in laps] == [sum(leg.lap == k for leg in nominal) for k in range(nominal[-1].lap + 1)]
     radius, shift = math.sqrt(4000), 150 - 2 * math.sqrt(4000)
     for k, lap in enumerate(laps):
@@ -104,7 +48,7 @@ def test_each_lap_alone_at_other_values_lies_where_the_laps_before_it_lead():
             assert math.hypot(x - left - radius, y - 146) == pytest.approx(radius)
         for leg, (x, y) in zip(lap[1:], [(left, 0), (left + 150, 0), (left + 150, 146)], strict=False):
             assert leg.end_m == pytest.approx((x, y))
-    assert laps[0][0].start_m == pytest.approx(default_start(plan(ON_CIRCLE), (-900.0,))[0])
-    same = varied_legs(plan(ON_CIRCLE), (0.0,), (0.0,))
+    assert laps[0][0].start_m == pytest.approx(default_start(plan_of(ON_CIRCLE), (-900.0,))[0])
+    same = varied_legs(plan_of(ON_CIRCLE), (0.0,), (0.0,))
     ends = [leg.end_m for lap in same for leg in lap]
     assert ends == [pytest.approx(leg.end_m) for leg in nominal], "at the same values it is the nominal flight"

@@ -1,7 +1,5 @@
 """Altitudes and airspeeds of stages: the flight by its energy, the forecast by the flight."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -11,7 +9,6 @@ from eadp.core import compiled
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import InputError
 from eadp.models.vehicle import FixedWing
-from eadp.planning.state.climb import ClimbFollower
 from eadp.simulation.loop import Outcome, fly
 
 VEHICLE = FixedWing()
@@ -45,39 +42,6 @@ def inputs_of(tmp_path):
 def flown(inputs):
     outcome = Outcome()
     return list(fly(inputs.world, inputs.flight(), outcome)), outcome
-
-
-def test_a_climb_of_100_m_costs_its_energy_and_its_time(inputs_of):
-    (_, level), (steps, climb) = flown(inputs_of(LEVEL)), flown(inputs_of(CLIMB))
-    assert steps[-1].altitude_m == pytest.approx(125, abs=0.01)
-    # 100 m at 3 m/s, V cos γ over ground
-    slower_s = 100 / 3 * (1 - math.sqrt(1 - (3 / 15) ** 2))
-    assert climb.duration_s - level.duration_s == pytest.approx(slower_s, abs=0.1)
-    more_j = climb.totals.energy_j - level.totals.energy_j
-    assert more_j == pytest.approx(CLIMB_J + VEHICLE.cruise_power_w * slower_s, rel=5e-3)
-
-
-def test_a_descent_gives_it_back(inputs_of):
-    level, descent = (flown(inputs_of(text))[1] for text in (leg(1000) + leg(3000), DESCENT))
-    saved_j = level.totals.energy_j - descent.totals.energy_j
-    slower_s = descent.duration_s - level.duration_s
-    assert saved_j == pytest.approx(CLIMB_J - VEHICLE.cruise_power_w * slower_s, rel=5e-3)
-
-
-CURVE = {
-    "vehicle.airframe": {"model": "power-curve", "points": [[12, 30], [15, 36], [20, 62]], "bank_w": 12, "mass_kg": 1.4}
-}
-
-
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("text", [CLIMB, DESCENT, FASTER])
-def test_the_forecast_of_a_power_curve_has_its_climbs_and_airspeeds(text, inputs_of):
-    inputs = inputs_of(text, **CURVE)
-    forecast = inputs.preflight().forecast
-    _, outcome = flown(inputs)
-    assert forecast.energy_wh == pytest.approx(outcome.totals.energy_j / 3600, rel=0.015)
-    level_s = outcome.duration_s * inputs.world.vehicle.cruise_power_w
-    assert abs(outcome.totals.energy_j - level_s) > 0.05 * level_s, "they matter"
 
 
 @pytest.mark.quick(5)
@@ -122,34 +86,11 @@ def test_the_forecast_knows_the_ground_speed_that_a_climb_takes(inputs_of):
     assert more_j == pytest.approx(CLIMB_J + VEHICLE.cruise_power_w * slower_s, rel=1e-3)
 
 
-def test_a_climb_is_no_slow_flight(inputs_of):
-    inputs = inputs_of(CLIMB)
-    forecast, stage = ClimbFollower.of(inputs.mission), inputs.world.plan.stages[1]
-    for _ in range(600):
-        forecast.follow(stage, 15.0, 0.1)
-    assert forecast.slowed_s == pytest.approx(100 / 3 * (1 - math.sqrt(1 - (3 / 15) ** 2)), rel=0.05)
-    assert forecast.level_mps == pytest.approx(15)
-    assert forecast.power_w == pytest.approx(0, abs=1e-3)
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(("text", "within"), [(STAIRS, 0.1), (FASTER, 1.0)])
 def test_neither_climbs_nor_airspeeds_are_taken_for_wind(text, within, inputs_of):
     _, outcome = flown(inputs_of(text, "joint"))
     assert max(math.hypot(*record.wind_mps) for record in outcome.records) < within
-
-
-def test_the_altitude_is_known_by_dead_reckoning(inputs_of):
-    inputs = inputs_of(STAIRS)
-    forecast = ClimbFollower.of(inputs.mission)
-    for step in flown(inputs)[0]:
-        forecast.follow(inputs.world.plan.stages[step.stage - 1], 15.0, 0.1)
-        assert forecast.climb.altitude_m == pytest.approx(step.altitude_m, abs=0.35)
-
-
-def test_plans_without_either_have_no_climb_forecast(inputs_of):
-    assert ClimbFollower.of(inputs_of(LEVEL).mission) is None
-    assert ClimbFollower.of(inputs_of(CLIMB).mission) is not None
 
 
 @pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")

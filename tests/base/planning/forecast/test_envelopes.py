@@ -1,15 +1,11 @@
 """Envelopes of configurations: the hull by brute force, and each stage's own configurations in plain loops."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
 import pytest
-from common import few
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import linprog
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
@@ -68,34 +64,6 @@ def test_the_envelope_is_the_upper_hull(points):
         assert np.interp(at, envelope.powers_w, envelope.values) == pytest.approx(
             most_at(powers, values, power), abs=HULL
         )
-
-
-@given(points=points)
-def test_no_point_of_the_envelope_is_more_than_is_needed(points):
-    powers, values = (np.array(column) for column in zip(*points, strict=True))
-    envelope = concave_envelope(powers, values, numbered(len(points)))
-    slopes = np.diff(envelope.values) / np.diff(envelope.powers_w)
-    assert (np.diff(slopes) < 0).all(), "on one line the ends are enough"
-
-
-@pytest.mark.parametrize("seed", few(range(12), 4))
-def test_the_envelope_is_the_best_mix_by_a_linear_program(seed):
-    rng = np.random.default_rng(seed)
-    count = int(rng.integers(1, 12))
-    powers, values = rng.uniform(1, 20, count), rng.uniform(0, 1, count)
-    envelope = concave_envelope(powers, values, numbered(count))
-    for power in rng.uniform(powers.min(), powers.max() + 1, 5):
-        mix = linprog(-values, A_ub=powers[None, :], b_ub=[power], A_eq=np.ones((1, count)), b_eq=[1.0])
-        assert np.interp(power, envelope.powers_w, envelope.values) == pytest.approx(-mix.fun, abs=1e-8)
-
-
-def test_collinear_duplicate_and_decreasing():
-    powers, values = np.array([1.0, 2.0, 3.0, 3.0, 4.0, 2.0]), np.array([0.0, 1.0, 2.0, 2.0, 1.5, 1.0])
-    envelope = concave_envelope(powers, values, numbered(6))
-    assert envelope.powers_w.tolist() == [1, 3]
-    assert envelope.values.tolist() == [0, 2]
-    falling = concave_envelope(np.array([1.0, 2.0, 3.0]), np.array([2.0, 1.0, 0.0]), numbered(3))
-    assert falling.powers_w.tolist() == [1]
 
 
 # --- envelopes of a mission's stages ----------------------------------------------------------------------------------

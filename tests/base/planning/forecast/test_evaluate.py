@@ -1,7 +1,5 @@
 """Evaluations against plain loops, fine integration, stepped batteries and draws."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace
@@ -9,7 +7,6 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from common import few
 from common.forecasts import CALM, Forecasting, survey_inputs
 
 from eadp.errors import PathUndefined
@@ -95,32 +92,6 @@ def test_routes_that_cannot_be_flown_are_left_out_and_numbered():
 # --- times ------------------------------------------------------------------------------------------------------------
 
 
-def stepped_s(leg, airspeed_mps, wind_mps, step_m=0.02):
-    """Time along a leg, a wind triangle every two centimetres."""
-    count = max(1, math.ceil(leg.distance_m / step_m))
-    (sx, sy), (ox, oy) = leg.start_m, leg.offset_m
-    share = leg.distance_m / leg.length_m
-    points = list(leg.track.points((sx - ox, sy - oy), leg.distance_m, share, count))
-    headings = [heading for _, heading in points]
-    total = 0.0
-    for one, other in itertools.pairwise([0.0, *headings][1:] if len(headings) > count else [headings[0], *headings]):
-        course = one + (math.remainder(other - one, 2 * math.pi)) / 2
-        along = wind_mps[0] * math.cos(course) + wind_mps[1] * math.sin(course)
-        across = -wind_mps[0] * math.sin(course) + wind_mps[1] * math.cos(course)
-        total += leg.distance_m / count / (along + math.sqrt(airspeed_mps**2 - across**2))
-    return total
-
-
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("wind_mps", few([(0.0, 0.0), WIND, (-6.0, 5.0)], 2))
-def test_times_against_a_fine_integration(wind_mps):
-    forecasting = Forecasting(survey_inputs(), wind_mps=wind_mps)
-    found = forecasting.at(0.3)
-    expected = [stepped_s(leg, forecasting.mission.cruise_mps, wind_mps) for leg in found.routes[0].legs]
-    assert found.load.times_s == pytest.approx(expected, rel=1e-4)
-    assert found.totals.seconds[0] == pytest.approx(sum(expected), rel=1e-4)
-
-
 def test_the_first_leg_counts_as_far_as_it_is_left_and_the_ratio_of_times_scales_all():
     forecasting = Forecasting(survey_inputs(), wind_mps=WIND)
     whole = forecasting.at(0.3)
@@ -185,44 +156,6 @@ def test_charge_against_a_battery_that_is_stepped(battery, share):
     forecast = found.forecast(0, filling)
     assert forecast.energy_wh == pytest.approx(float(powers_w @ found.load.times_s) / 3600, rel=1e-9)
     assert forecast.soc_end == pytest.approx(soc, abs=within)
-
-
-def test_the_voltages_are_those_of_a_flight_at_maximum_power_down_to_the_reserve():
-    changes = {"capacity_ah": 0.3, **BATTERIES["falling voltage"]}
-    forecasting = Forecasting(survey_inputs(**CALM), battery=changes, objective=Objective(0.2, 0.5))
-    found = forecasting.at(0.4)
-    battery = forecasting.mission.battery
-    low, high = battery.voltage_at(0.2), battery.voltage_at(1.0)
-    assert (np.diff(found.limits.volts) < 0).all()
-    assert low <= found.limits.volts.min() < found.limits.volts.max() <= high
-    assert found.limits.volts[-1] == pytest.approx(low, abs=0.1)
-    plenty = Forecasting(survey_inputs(**CALM), battery={**changes, "capacity_ah": 50.0}, objective=Objective(0.2, 0.5))
-    assert plenty.at(0.4).limits.volts.min() > high - 0.1
-
-
-def test_use_of_every_increment_is_the_difference_of_two_currents():
-    forecasting = Forecasting(survey_inputs(), wind_mps=WIND)
-    found, battery = forecasting.at(0.3), forecasting.mission.battery
-    for leg in range(0, len(found.load.times_s), 7):
-        envelope = forecasting.evaluator.envelopes[int(found.kinds[leg])]
-        uses = [
-            found.load.times_s[leg] * battery.drain_per_s(found.load.motion_w[leg] + power_w, found.limits.volts[leg])
-            for power_w in envelope.powers_w
-        ]
-        steps = len(envelope.powers_w) - 1
-        expected = np.diff(uses) * float(found.totals.use_ratio[0])
-        assert found.knapsack.use[leg, :steps] == pytest.approx(expected, rel=1e-9)
-        assert not found.knapsack.use[leg, steps:].any()
-
-
-def test_the_slope_of_charge_by_energy_is_that_of_the_mean_power():
-    forecasting = Forecasting(survey_inputs(), wind_mps=WIND, battery={"resistance_ohm": 0.3})
-    found, battery = forecasting.at(0.3), forecasting.mission.battery
-    power_w, volts = float(found.totals.mean_w[0]), float(found.limits.volts.mean())
-    step = 1e-3
-    rates = [battery.drain_per_s(p, volts) for p in (power_w - step, power_w + step)]
-    slope = float(rates[1] - rates[0]) / (2 * step) * float(found.totals.use_ratio[0])
-    assert found.totals.soc_per_j[0] == pytest.approx(slope, rel=1e-6)
 
 
 # --- standard deviations ----------------------------------------------------------------------------------------------
@@ -339,22 +272,6 @@ def test_computations_that_can_fall_keep_the_margin_of_what_is_never_learned():
     filling = long.filled()
     assert long.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
     assert long.forecast(0, filling).reserve_probability > 0.951
-
-
-def test_the_margin_is_z_standard_deviations():
-    """What may be used is the charge less the reserve and a margin of the quantile that is asked for."""
-    even, sure = (
-        Forecasting(survey_inputs(**CALM), objective=Objective(0.05, probability)).at(0.45)
-        for probability in (0.5, 0.95)
-    )
-    assert even.knapsack.available[0] == pytest.approx(even.known.soc - 0.05)
-    assert even.knapsack.available[0] - sure.knapsack.available[0] == pytest.approx(Z95 * float(sure.std[0]))
-    # a plan that uses all of it keeps the reserve with the probability, neither more nor less
-    short = Forecasting(survey_inputs(**CALM, **{"battery.capacity_ah": 0.31}), objective=Objective(0.05, 0.95)).at(0.1)
-    filling = short.filled()
-    assert filling.feasible[0]
-    assert filling.use[0] == pytest.approx(short.knapsack.available[0], abs=1e-8)
-    assert short.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
 
 
 # --- ends -------------------------------------------------------------------------------------------------------------

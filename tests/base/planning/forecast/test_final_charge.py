@@ -1,7 +1,5 @@
 """The charge at the end as a mixture of normal distributions, against draws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,14 +21,6 @@ def test_the_charge_at_several_ends_is_a_mixture(seed):
         assert ends.probability_above(soc) == pytest.approx(np.mean(drawn > soc), abs=0.004)
     for probability in (0.5, 0.8, 0.95):
         assert np.mean(drawn > ends.level(probability)) == pytest.approx(probability, abs=0.004)
-
-
-@pytest.mark.parametrize(("soc_end", "std", "soc"), [(0.2, 0.1, 0.05), (-0.03, 0.02, 0.05), (0.05, 0.01, 0.05)])
-def test_probabilities_are_those_of_a_normal_distribution(soc_end, std, soc):
-    drawn = soc_end + std * np.random.default_rng(0).standard_normal(100_000)
-    ends = FinalCharge(std, means=(soc_end,))
-    assert ends.probability_above(0.0) == pytest.approx(np.mean(drawn > 0), abs=0.006)
-    assert ends.probability_above(soc) == pytest.approx(np.mean(drawn > soc), abs=0.006)
 
 
 def test_a_forecast_without_a_spread_is_sure():

@@ -1,7 +1,5 @@
 """The charge that is spare at home, against the two equations of the battery along a turn and a line."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -57,13 +55,6 @@ def test_a_higher_way_home_takes_a_climb():
     climb_ah = 100 * mission.vehicle.climb_j_per_m / mission.battery.voltage_v / 3600
     # the current of it, and what the resistance takes
     assert level - high == pytest.approx(climb_ah / mission.battery.capacity_ah, rel=0.05)
-
-
-def test_at_home_nothing_is_needed():
-    forecasting = forecasting_of()
-    forecasting.known = forecasting.known._replace(position_m=(0.0, -2500.0))
-    spare = home_spare(forecasting.evaluator.evaluate(forecasting.known, [forecasting.route(0.0)]), 0)
-    assert spare == pytest.approx(forecasting.known.soc - 0.05, abs=1e-9)
 
 
 def test_it_falls_with_distance_and_with_the_probability_that_is_asked_for():

@@ -1,11 +1,9 @@
 """The knapsacks of many places against linear programs, one place at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import few
-from scipy.optimize import linprog
+from common.knapsacks import by_linear_program, knapsack_of
 
 from eadp.planning.forecast.knapsack import FULL, Knapsack, fill_greedy
 
@@ -13,41 +11,11 @@ LP = 1e-8
 ROUNDING = 1e-12
 
 
-def knapsack_of(rng, places, depth=4):
-    """Concave increments at random: some legs without a choice, some of several slopes, some that take nothing."""
-    legs = rng.integers(1, 12, places)
-    count = int(legs.sum())
-    use, gain = np.zeros((count, depth)), np.zeros((count, depth))
-    for leg in range(count):
-        steps = int(rng.integers(0, depth + 1))
-        widths = rng.uniform(0.001, 0.05, steps) * rng.choice([0.0, 1.0], steps, p=[0.05, 0.95])
-        slopes = np.sort(rng.choice([1.0, 2.0, rng.uniform(0.1, 3)], steps))[::-1]
-        use[leg, :steps] = widths
-        gain[leg, :steps] = np.where(widths > 0, widths * slopes, 0.0)
-        if steps and widths[0] == 0:
-            gain[leg, 0] = rng.uniform(0, 0.1)
-    place = np.repeat(np.arange(places), legs)
-    base_use, base_value = rng.uniform(0.05, 0.2, places), rng.uniform(0, 0.5, places)
-    whole = np.bincount(place, use.sum(axis=1), places)
-    available = base_use + rng.uniform(-0.2, 1.1, places) * whole
-    return Knapsack(use, gain, place, base_use, base_value, available)
-
-
 def one_of(use, gain, available, base_use=0.0, base_value=0.0):
     """One place, a row of increments a leg."""
     use, gain = np.array(use, dtype=float), np.array(gain, dtype=float)
     numbers = (np.array([value]) for value in (base_use, base_value, available))
     return Knapsack(use, gain, np.zeros(len(use), dtype=np.intp), *numbers)
-
-
-def by_linear_program(knapsack, place):
-    """The best value of one place: max gain·x, use·x ≤ spare, 0 ≤ x ≤ 1."""
-    mine = knapsack.place == place
-    use, gain = knapsack.use[mine].ravel(), knapsack.gain[mine].ravel()
-    spare = knapsack.available[place] - knapsack.base_use[place]
-    # use and spare in thousandths: the solver's tolerances are absolute
-    exact = linprog(-gain, A_ub=1e3 * use[None, :], b_ub=[1e3 * spare], bounds=(0, 1))
-    return knapsack.base_value[place] - exact.fun
 
 
 @pytest.mark.parametrize("seed", few(range(12), 4))
@@ -68,38 +36,6 @@ def test_every_place_is_filled_as_its_linear_program(seed):
         assert found.value[place] == pytest.approx(by_linear_program(knapsack, place), abs=LP)
         partial = (own > 1e-6) & (own < 1 - 1e-6) & (use > 0)
         assert partial.sum() <= 1, "one increment in part"
-
-
-@pytest.mark.parametrize("seed", few(range(6), 3))
-def test_places_do_not_know_of_each_other(seed):
-    knapsack = knapsack_of(np.random.default_rng(100 + seed), 7)
-    together = fill_greedy(knapsack)
-    for place in range(7):
-        mine, own = knapsack.place == place, [column[place : place + 1] for column in knapsack[3:]]
-        alone = fill_greedy(Knapsack(knapsack.use[mine], knapsack.gain[mine], np.zeros(mine.sum(), dtype=int), *own))
-        assert together.shares[knapsack.place == place] == pytest.approx(alone.shares, abs=1e-9)
-        assert together.value[place] == pytest.approx(alone.value[0], abs=ROUNDING)
-        assert together.use[place] == pytest.approx(alone.use[0], abs=ROUNDING)
-
-
-@pytest.mark.parametrize("seed", few(range(6), 3))
-def test_a_legs_increments_come_in_order(seed):
-    knapsack = knapsack_of(np.random.default_rng(seed), 3)
-    for use, gain, own in zip(knapsack.use, knapsack.gain, fill_greedy(knapsack).shares, strict=True):
-        taken = use > 0
-        falls = np.diff(gain[taken] / use[taken]) < -ROUNDING  # equal ones are one increment: their order is rounding
-        assert (np.diff(own[taken])[falls] <= ROUNDING).all()
-
-
-def test_more_charge_never_gains_less():
-    knapsack = knapsack_of(np.random.default_rng(7), 1)
-    whole = float(knapsack.use.sum())
-    values = [
-        float(fill_greedy(knapsack._replace(available=knapsack.base_use + share * whole)).value[0])
-        for share in np.linspace(0, 1.3, 60)
-    ]
-    assert (np.diff(values) >= -LP).all()
-    assert values[-1] == pytest.approx(float(knapsack.base_value[0] + knapsack.gain.sum()))
 
 
 def test_too_little_charge_is_infeasible_and_nothing_is_taken():
@@ -126,10 +62,3 @@ def test_increments_that_take_nothing_come_first():
     assert fill_greedy(knapsack).shares.ravel() == pytest.approx([0, 1, 0], abs=1e-7)
     more = fill_greedy(knapsack._replace(available=np.array([0.2])))
     assert more.shares.ravel() == pytest.approx([1, 1, 0.5], abs=1e-7)
-
-
-def test_what_shares_add_up_to():
-    knapsack = one_of([[0.1], [0.3]], [[2.0], [1.0]], 1.0, 0.5, 0.25)
-    found = knapsack.filling(np.array([[1.0], [0.5]]))
-    assert (found.use[0], found.value[0]) == pytest.approx((0.75, 2.75))
-    assert found.feasible[0]

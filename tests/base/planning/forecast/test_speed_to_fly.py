@@ -1,7 +1,5 @@
 """Speed to fly: the law of power against airframes, the choice against a continuous minimum, flights that slow."""
 
-from __future__ import annotations
-
 import ast
 import math
 from functools import lru_cache
@@ -113,18 +111,6 @@ def test_short_stages_have_the_airspeed_of_the_stage_before():
     assert len(set(choice.airspeeds_mps(legs, 5.0, stages)[0].tolist())) == 1  # its lines and turns take 10 to 17 s
 
 
-def test_paces_trade_time_for_energy():
-    forecasting, route, choice, paces, values_w = chosen((2.0, 3.0), 0.0)
-    legs, stages = RouteArrays.of([route]), len(forecasting.mission.plan.stages)
-    airspeeds = np.concatenate([choice.airspeeds_mps(legs, value, stages) for value in values_w])
-    found = forecasting.evaluator.evaluate(forecasting.known, [route] * len(paces), airspeeds)
-    energy = found.legs.sums((found.load.motion_w + (found.load.min_w + found.load.max_w) / 2) * found.load.times_s)
-    assert len(paces) > 3
-    assert paces == sorted(paces, reverse=True)
-    assert (np.diff(found.totals.seconds) >= 0).all()
-    assert (np.diff(energy) <= 1e-9).all()
-
-
 def test_no_airspeed_is_below_the_stall_in_turns_the_wind_and_its_gusts():
     forecasting = Forecasting(survey_inputs(**SLOW), wind_mps=(6.0, 0.0))
     rows = forecasting.route(0.0).table.rows
@@ -181,14 +167,6 @@ def test_a_short_battery_slows_the_flight_instead_of_widening_its_lines():
     assert 11.0 <= min(record.airspeed_mps for record in slowed.records) < 15.0
     assert all(record.airspeed_mps is None for record in fixed.records)
     assert any("airspeed 15 → " in record.reason for record in slowed.records)
-
-
-@pytest.mark.slow
-def test_a_battery_that_suffices_slows_nothing():
-    enough = {"battery.capacity_ah": 1.0}
-    fixed, free = outcome(**enough), outcome(**SLOW, **enough)
-    assert free.duration_s == pytest.approx(fixed.duration_s, rel=0.01)
-    assert free.parameters.quality({}) >= fixed.parameters.quality({}) - 1e-3
 
 
 def test_without_a_range_nothing_is_decided():

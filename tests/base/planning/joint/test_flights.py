@@ -1,6 +1,4 @@
-"""What the joint planner keeps to in flights: the reserve's probability, the first decision, losses, its forecasts."""
-
-from __future__ import annotations
+"""What the joint planner keeps to in flights: the reserve's probability, the first decision, its forecasts."""
 
 import itertools
 
@@ -9,7 +7,7 @@ import pytest
 from common.forecasts import survey_inputs
 from common.recorder import watched
 
-from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, JUMPED
+from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE
 from eadp.planning.joint.planner import WARM_UP_S
 from eadp.planning.joint.policy import SETTLED_S
 from eadp.planning.joint.program import OUTDONE
@@ -77,19 +75,6 @@ def test_osqp_decides_and_certifies_itself(gusty):
     assert sum(report.outdone for report in reports) < 0.01 * sum(report.solved for report in reports)
 
 
-@pytest.mark.quick(1)
-@pytest.mark.parametrize(("at_s", "drop"), [(60.0, 0.08), (93.0, 0.06), (200.0, 0.1)])
-def test_a_loss_is_answered_at_once(at_s, drop):
-    keys = {"battery.capacity_ah": 0.5, "faults": [{"at_s": at_s, "soc_drop": drop}]}
-    outcome, *_ = flown(**keys)
-    jumped = [record for record in outcome.records if record.cause == JUMPED]
-    assert len(jumped) == 1
-    # the reading after the loss may be an outlier: the next one decides
-    assert at_s <= jumped[0].time_s <= at_s + 2.1
-    before = [record for record in outcome.records if record.time_s < at_s][-1]
-    assert jumped[0].ending.soc_end < before.ending.soc_end + 0.01 or jumped[0].parameters != before.parameters
-
-
 def changes_of(outcome, index):
     """Times and values at which a parameter of the decisions changes."""
     own = [(record.time_s, record.parameters[index], record.cause) for record in outcome.records]
@@ -106,26 +91,6 @@ def test_computations_do_not_rise_soon_after_they_fell(gusty):
                 fell_s = time_s
 
 
-@pytest.mark.slow
-def test_parameters_that_are_held_stay():
-    def held(inputs):
-        flight = inputs.flight()
-        flight.planner.hold({0: -640.0, 1: 6.0})
-        return flight
-
-    outcome, *_ = flown(held, **{"battery.capacity_ah": 0.5})
-    assert {record.parameters for record in outcome.records} == {(-640.0, 6.0)}
-
-    def path_held(inputs):
-        flight = inputs.flight()
-        flight.planner.hold({0: -640.0})
-        return flight
-
-    outcome, *_ = flown(path_held, **{"battery.capacity_ah": 0.34})
-    assert {record.parameters[0] for record in outcome.records} == {-640.0}
-    assert len({record.parameters[1] for record in outcome.records}) >= 1
-
-
 def test_it_is_a_pure_function_of_its_readings():
     """The same flight twice, and with a planner that is shown every step: rows and decisions are the same."""
     keys = {"battery.capacity_ah": 0.42, "time_limit_s": 200, **GUSTS}
@@ -135,6 +100,3 @@ def test_it_is_a_pure_function_of_its_readings():
     ]
     other, *_ = flown(watched, **keys)
     assert [record.parameters for record in other.records] == [record.parameters for record in once.records]
-
-
-# --- home -------------------------------------------------------------------------------------------------------------

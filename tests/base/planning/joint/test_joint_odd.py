@@ -1,14 +1,10 @@
 """The joint planner on odd plans and in odd states, from its observations alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from common import ROOT
 from common.observations import Piloted, observation
+from common.plans import plan_of, survey
 
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import Rules
@@ -25,10 +21,6 @@ SPEED_MPS, MOTION_W = 15.0, 36.0
 VEHICLE = PowerCurve(((SPEED_MPS, MOTION_W),), airspeed_mps=SPEED_MPS, cruise_altitude_m=0.0)
 FULL_AH, PLENTY = Battery(14.8, 0.05, 3.2, letter_crate_per_h=10.0), 0.9
 LINE = "0.1; 90; x\n0, 900\n[2, 10]\n0.1; 90; x\n0, 1800\n[2, 10]\n"
-
-
-def plan_of(text):
-    return read_plan(Text("p", text))[0]
 
 
 def planner_for(plan, parameters, profile=PROFILE, battery=FULL_AH, start=(0.0, 0.0), **settings):
@@ -98,16 +90,6 @@ def test_plans_with_little_to_choose(text, parameters, profile):
     assert len(decisions[-1].parameters) == len(parameters)
 
 
-def test_a_plan_without_sets_is_flown():
-    pilot = planner_for(plan_of("0.1; 90; x - c1\nc1, 1800\n"), (0.0,), None)
-    assert up_a_line(pilot, (0.0,), 1500, stage_m=1e9)[-1].parameters == (0.0,)
-
-
-def test_with_plenty_of_charge_the_highest_is_flown_to_the_end():
-    decisions = up_a_line(planner_for(plan_of(LINE), (10.0,)), (10.0,), 1800)
-    assert {decision.parameters for decision in decisions} == {(10.0,)}
-
-
 def test_the_quality_told_counts_what_is_flown_of_the_stage_of_the_moment():
     """Half of a single stage at the highest, half at the lowest, for the charge is lost half way."""
     battery = Battery(14.8, 0.05, 3.2, letter_crate_per_h=100.0)
@@ -126,7 +108,7 @@ def test_power_that_the_battery_does_not_allow_is_said():
 
 
 def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route():
-    plan = read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
+    plan = survey()
     battery = Battery(capacity_ah=0.6, letter_crate_per_h=20.0)
     pilot = planner_for(plan, (0.0, 10.0), battery=battery, start=(-45.0, 216.0))
     executor, first = PlanExecutor(plan, (0.0, 10.0), (-45.0, 216.0), Rules()), (0.0, 10.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import re
 from typing import NamedTuple
@@ -14,9 +13,7 @@ from common import ROOT, few
 from common.observations import Piloted, measured, observation
 from common.recorder import Recorder, watched
 
-from eadp.api.flight import record_row
 from eadp.api.inputs import load_flight
-from eadp.core.flight import drain_per_s
 from eadp.errors import InputError
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
@@ -25,7 +22,7 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
 from eadp.planning.base import SHORT, Mission, PlannerSettings
-from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
+from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, JointPlanner
 from eadp.planning.joint.policy import SETTLED_S
 from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
@@ -89,10 +86,6 @@ def test_flights_complete_and_keep_the_reserve(dropped, tight):
         assert flight.pilot.report.infeasible <= 2, "but for a moment, where the first forecasts are wide"
 
 
-def test_charge_is_not_left_over_where_it_is_short(tight):
-    assert tight.outcome.soc_final < RESERVE + 0.03
-
-
 def test_a_drop_of_charge_is_answered_at_once(dropped):
     i = next(i for i, record in enumerate(dropped.records) if record.cause == JUMPED)
     before, after = dropped.records[i - 1], dropped.records[i]
@@ -113,40 +106,7 @@ def test_path_parameters_change_where_they_are_latched_alone(dropped, tight):
     assert changed > 1
 
 
-def test_the_wind_is_found(dropped, tight):
-    assert dropped.records[-1].wind_mps == pytest.approx((0, 5), abs=0.3)
-    assert tight.records[-1].wind_mps == pytest.approx((0, 0), abs=0.3)
-
-
 # --- records ----------------------------------------------------------------------------------------------------------
-
-
-def test_records_are_in_the_order_of_time_and_written_as_json(dropped):
-    times = [record.time_s for record in dropped.records]
-    assert times == sorted(set(times))
-    assert times[0] == pytest.approx(WARM_UP_S, abs=2 * STEP_S)
-    assert max(later - now for now, later in itertools.pairwise(times)) < 30.0 + 1.0 + 2 * STEP_S, (
-        "at whole multiples of planner.every_s"
-    )
-    for record in dropped.records:
-        row = json.loads(json.dumps(record_row(record, ("c1", "c2")), allow_nan=False))
-        assert set(row["parameters"]) == {"c1", "c2"}
-        assert row["cause"] in (TIME, NEW_STAGE, JUMPED)
-        assert row["reason"]
-        assert -1000 <= row["parameters"]["c1"] <= 0
-        assert 2 <= row["parameters"]["c2"] <= 10
-
-
-def test_records_say_what_came(dropped):
-    """From the loss of charge on, within four of the standard deviations told, or within what a stage's begin takes."""
-    for record in dropped.records:
-        if record.time_s < 100 or record.parameters[0] != dropped.records[-1].parameters[0]:
-            continue
-        late_s = dropped.outcome.duration_s - record.time_s - record.ending.remaining_s
-        assert abs(late_s) < 4 * record.ending.remaining_std_s + 2
-        assert abs(dropped.outcome.soc_final - record.ending.soc_end) < 4 * record.ending.soc_end_std + 0.005
-        assert 0 <= record.ending.reserve_probability <= record.ending.completes_probability <= 1
-        assert record.ending.quality_forecast == pytest.approx(dropped.quality(), abs=0.02)
 
 
 def test_reports_count_what_was_solved(dropped):
@@ -172,38 +132,12 @@ def test_a_gain_below_min_gain_changes_nothing():
     assert eager.records[-1].ending.quality_forecast > calm.records[-1].ending.quality_forecast
 
 
-def test_the_objective_total_adds_up_computations(tight):
-    total = flown(**CALM, **TIGHT, **{"planner.joint.objective": "total"})
-    assert total.outcome.completed
-    assert total.outcome.soc_final >= RESERVE
-
-    def added(flight):
-        return flight.mean(1) * flight.outcome.duration_s
-
-    assert added(total) >= added(tight) - 5 * 10
-    assert all(record.ending.quality_forecast is None for record in total.records)
-
-
-def test_levels_and_trade_offs_are_kept():
-    levels = flown(**CALM, **TIGHT, **{"planner.levels": {"c2": [2, 6]}, "time_limit_s": 100})
-    assert {record.parameters[1] for record in levels.records} <= {2.0, 6.0, 10.0}
-    assert levels.records[-1].parameters[1] in (2.0, 6.0)
-    kept = flown(
-        **CALM,
-        **{"battery.capacity_ah": 0.31, "time_limit_s": 150},
-        **{"planner.joint.trade_offs": [{"coefficients": {"c2": 1.0}, "at_least": 6.0}]},
-    )
-    assert all(record.parameters[1] >= 6 for record in kept.records if record.status != "infeasible")
-    assert any(record.status != "infeasible" for record in kept.records)
-
-
 # --- observations alone -----------------------------------------------------------------------------------------------
 
 SPEED_MPS, MOTION_W = 15.0, 36.0
 VEHICLE = PowerCurve(((SPEED_MPS, MOTION_W),), airspeed_mps=SPEED_MPS, cruise_altitude_m=0.0)
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))
 LINE = "0.1; 90; x\n0, 4500\n[2, 10]\n"
-OFF_AND_ON = "0.1; 90; x\n0, 2250\n[0, 0]\n0.1; 90; x\n0, 4500\n[2, 10]\n"
 
 
 def planner_of(text, battery, **settings):
@@ -245,18 +179,6 @@ def test_between_two_configurations_both_are_flown_and_the_charge_is_used(capaci
     assert left < RESERVE + 0.01 + unused or decisions[-1].parameters == (10.0,)
 
 
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("capacity_ah", [0.255, 0.275, 0.3])
-def test_what_was_saved_at_first_is_spent_after_all(capacity_ah):
-    """The margin shrinks on the way, and with it what is left over beyond the reserve."""
-    battery = Battery(14.8, 0.05, capacity_ah, letter_crate_per_h=1e3)
-    decisions, left = north(planner_of(LINE, battery), battery, 300)
-    assert left >= RESERVE
-    # nothing rises for less than SETTLED_S: from there on all that is left over stays so
-    unused = SETTLED_S * 5.0 / (3600 * capacity_ah * 14.8)
-    assert left < RESERVE + 0.01 + unused or decisions[-1].parameters == (10.0,)
-
-
 def test_where_nothing_is_feasible_the_lowest_is_flown_at_once_and_it_is_said_since_when_and_by_how_much():
     battery = Battery(14.8, 0.05, 0.2, letter_crate_per_h=1e3)
     decisions, _ = north(planner_of(LINE, battery), battery, 100)
@@ -286,18 +208,6 @@ def test_what_is_infeasible_may_become_feasible_again():
     assert not reasons[81].startswith(SHORT)
     assert decisions[40].parameters == (2.0,)
     assert decisions[-1].parameters == (10.0,)
-
-
-def test_inhibited_stages_take_nothing_and_leave_the_charge_to_the_others():
-    battery = Battery(14.8, 0.05, 0.27, letter_crate_per_h=1e3)
-    pilot = planner_of(OFF_AND_ON, battery)
-    decisions, left = north(pilot, battery, 300, stage_m=2250.0, running=lambda stage: stage == 2)
-    record = decisions[20].record
-    # half of the rest at the motion's power alone, half with computations
-    highest_wh = MOTION_W * record.ending.remaining_s / 3600 + 9.8 * 150 / 3600
-    assert record.ending.energy_wh <= highest_wh * 1.02
-    assert np.mean([decision.parameters[0] for decision in decisions[150:]]) > 5
-    assert left >= RESERVE - 0.002
 
 
 @pytest.mark.quick(1)
@@ -344,35 +254,6 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
     assert outcome.soc_final < held - 0.09
 
 
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("capacity_ah", [0.76, 0.88])
-def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_charge(capacity_ah):
-    rates, sizes = (2.0, 4.0, 6.0, 8.0, 10.0), (1.0, 2.0, 3.0, 4.0)
-    rows = np.array(list(itertools.product(rates, sizes)))
-    profile = Profile(("fps", "size"), ("", ""), rows, 3 + rows @ [0.35, 0.7] + 0.06 * rows.prod(axis=1))
-    plan = read_plan(Text("p", "0.1; 90; x\n0, 13500\n[2, 10]\n[1, 4]\n"))[0]
-    battery, parameters = Battery(14.8, 0.05, capacity_ah), (10.0, 4.0)
-    mission = Mission(plan, join_profile(plan, profile), battery, VEHICLE, parameters, (0.0, 0.0))
-    own = JointSettings(loss_rate_per_h=0.0)
-    pilot = Piloted(JointPlanner(PlannerSettings(name="joint"), mission, own))
-    rng = np.random.default_rng(2)
-    soc, gust_w, flown_with = 1.0, 0.0, []
-    for k in range(1, 900):
-        gust_w += rng.normal(0, 0.75) - gust_w / 8
-        power_w = MOTION_W + gust_w + mission.computing.power_w(parameters, plan.stages[0].sets)
-        soc -= drain_per_s(power_w, 14.8, 0.05, battery.k_b_per_s / capacity_ah)
-        motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
-        seen = observation(plan, parameters, float(k), 0.0, SPEED_MPS * k, power_w=power_w, soc=soc, **motion)
-        parameters = pilot.take(seen).parameters
-        flown_with.append(parameters)
-    assert {a for a, _ in flown_with} <= set(rates)
-    assert {b for _, b in flown_with} <= set(sizes)
-    for i in (0, 1):
-        assert sum(a[i] != b[i] for a, b in itertools.pairwise(flown_with)) <= 6
-    assert soc >= RESERVE
-    assert soc < RESERVE + 0.01 or np.mean([a == 10.0 for a, _ in flown_with]) > 0.9
-
-
 # --- home
 
 
@@ -391,39 +272,6 @@ def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     assert last.time_s < end.time_s - 20
     assert RESERVE <= flight.outcome.soc_final < RESERVE + 0.06
     assert all(record.home_reachable for record in flight.records[:-1])
-
-
-@pytest.mark.slow
-def test_the_way_home_goes_round_an_obstacle(tmp_path):
-    """A barn across the straight way home: it turns back earlier, goes round, and keeps the reserve all the same."""
-    barn = "%: avoid barn -500,-420 400,-420 400,-330 -500,-330"
-    text = (ROOT / "plans/survey.plan").read_text()
-    (tmp_path / "barn.plan").write_text(text.replace("\n", f"\n{barn}\n", 1))
-    home = {"home.position_m": [0.0, -1000.0]}
-    flight = flown(plan=str(tmp_path / "barn.plan"), **HOME, **home)
-    assert flight.outcome.reason == "returned home"
-    assert flight.outcome.entries == []
-    assert max(step.x_m for step in flight.steps) > 400
-    assert RESERVE <= flight.outcome.soc_final < RESERVE + 0.06
-    straight = flown(**HOME, **home)
-    assert flight.outcome.turned_back_s < straight.outcome.turned_back_s
-    # the straight way would have led through it
-    assert flight.inputs.world.plan.site.airspace.entries(
-        [step.time_s for step in straight.steps],
-        [(step.x_m, step.y_m) for step in straight.steps],
-        [step.altitude_m for step in straight.steps],
-    )
-
-
-@pytest.mark.slow
-def test_a_plan_that_is_feasible_or_continues_is_flown_to_its_end():
-    home = {"home.position_m": [0.0, -1000.0]}
-    assert flown(**HOME | {"battery.capacity_ah": 0.9}, **home).outcome.completed
-    flight = flown(**HOME | {"on_infeasible": "continue"}, **home)
-    assert flight.outcome.reason == "battery empty"
-    lost = next(record for record in flight.records if not record.home_reachable)
-    before = [record.time_s for record in flight.records if record.time_s < lost.time_s]
-    assert lost.point_of_no_return_s == before[-1]
 
 
 def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():

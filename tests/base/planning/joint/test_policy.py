@@ -1,7 +1,5 @@
 """The hysteresis: when computations fall and rise, and what a change of the path has to gain."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -134,17 +132,6 @@ def test_no_sequence_of_charges_makes_them_rise_soon_after_a_fall(evaluation, se
             fell_s = time_s
         changes, now = changes + (then != now), then
     assert changes >= 2
-
-
-def test_where_charge_sinks_slowly_they_fall_seldom(evaluation):
-    """Where charge sinks slowly, computations fall once to a vertex, and not again soon."""
-    rows, now, policy = rows_of(evaluation), rows_of(evaluation)[-1], Policy(MIN_GAIN)
-    changes = 0
-    for k, share in enumerate(np.linspace(1.0, 0.9, 40).tolist()):
-        then = flown(policy, evaluation, share, 10.0 * k, now)
-        assert rows.index(then) <= rows.index(now), "it never rises where the charge sinks"
-        changes, now = changes + (then != now), then
-    assert changes <= 2
 
 
 def test_the_gain_for_which_a_path_changes_grows_with_changes():

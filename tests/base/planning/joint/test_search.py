@@ -1,223 +1,100 @@
 """The search for path parameters against brute force over fine grids, on missions made up and on routes."""
 
-from __future__ import annotations
-
-import math
-from dataclasses import replace
-from functools import partial
-from statistics import median
+import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from common import few
-from common.forecasts import CALM, Forecasting, plan_inputs, survey_inputs
+from common.forecasts import CALM, Forecasting, survey_inputs
 
 from eadp.planning.forecast.evaluate import Objective
-from eadp.planning.forecast.held import before_take_off
 from eadp.planning.forecast.knapsack import Knapsack, fill_greedy
 from eadp.planning.joint import search as module
-from eadp.planning.joint.policy import Places
 from eadp.planning.joint.search import Search
 
 PLACES, EACH = 1001, 31
-"""Places of brute force along one parameter, along each of two, and along each of two blocks."""
-MEDIAN_GAP, WORST_GAP, SCAN_GAP = 1e-3, 1e-2, 5e-2
-"""The last where a step is wider than a cell of the first grid: within one the search looks at its ends alone."""
+"""Places of brute force along one parameter, and along each of two."""
+WEIGHT, WORST_GAP = 0.4, 1e-2
 ON_ROUTES = 3e-3
 FINEST = 1 / (module.POINTS[1] - 1) / 2**module.ROUNDS
 """Between two places of a search that halves a cell in every round."""
 
 
-class Legs:
-    """Legs of the places, as many as tell the steps apart."""
-
-    def __init__(self, counts):
-        self.last = np.cumsum(counts) - 1
-        self.first = self.last + 1 - np.array(counts)
-
-
-class Evaluated:
-    """What a search asks of an evaluation, of made-up missions."""
-
-    def __init__(self, missions, counts, std):
-        self.knapsack = stacked(missions)
-        self.legs, self.std = Legs(counts), np.array(std)
-
-    def filled(self):
-        return fill_greedy(self.knapsack)
-
-
-def stacked(alone):
-    width = max(one.use.shape[1] for one in alone)
-    use, gain = (
-        np.concatenate([np.pad(getattr(one, name), ((0, 0), (0, width - one.use.shape[1]))) for one in alone])
-        for name in ("use", "gain")
+def evaluation(base_use, base_value, available, legs, use=0.0, gain=0.0):
+    """What a search asks of an evaluation: of places with an increment each, and as many legs as tell steps apart."""
+    count, last = len(legs), np.cumsum(legs) - 1
+    column = np.ones((count, 1))
+    knapsack = Knapsack(use * column, gain * column, np.arange(count), base_use, base_value, available)
+    of_places = SimpleNamespace(first=last + 1 - legs, last=last)
+    return SimpleNamespace(
+        knapsack=knapsack, legs=of_places, std=np.full(count, 0.01), filled=lambda: fill_greedy(knapsack)
     )
-    place = np.repeat(np.arange(len(alone)), [len(one.use) for one in alone])
-    rest = (np.concatenate([getattr(one, name) for one in alone]) for name in ("base_use", "base_value", "available"))
-    return Knapsack(use, gain, place, *rest)
 
 
-class Mission:
-    """Whole laps of a few legs: how many is a staircase in p, and how long they take is smooth on each step.
+def made_up(*rise, until=1.0, available=0.6):
+    """Whole laps: how many is a staircase in p, and how long they take is smooth on each step; value is by ground."""
 
-    Value is by ground: laps share it, whatever their number.
-    """
-
-    def __init__(self, seed, dimensions, tight=None, until=1.0):
-        rng = np.random.default_rng(seed)
-        self.dimensions, self.until = dimensions, until
-        self.first, self.rise = rng.uniform(3, 7), rng.uniform(1, 12, dimensions)
-        kinds = int(rng.integers(2, 5))
-        self.legs_s = rng.uniform(5, 20, kinds)
-        self.motion_w = rng.uniform(30, 45, kinds)
-        self.powers_w, self.values = [], []
-        for _ in range(kinds):
-            count = int(rng.integers(0, 5))
-            widths, slopes = rng.uniform(0.2, 3, count), np.sort(rng.uniform(0.02, 1, count))[::-1]
-            self.powers_w.append(np.cumsum([rng.uniform(0, 4), *widths]))
-            self.values.append(np.cumsum([0, *(widths * slopes)]))
-        top = max(values[-1] for values in self.values) or 1.0
-        self.values = [values / top for values in self.values]
-        self.weight = rng.uniform(0.2, 0.8)
-        self.margin = rng.uniform(0, 0.03, dimensions)
-        self.available = 1.0
-        least, most = (self.knapsack((end,) * dimensions)[0] for end in (0.0, 1.0))
-        share = rng.uniform(0.05, 1.05) if tight is None else tight
-        low, high = float(least.base_use[0]), float(most.base_use[0] + most.use.sum())
-        self.available = low + share * (high - low)
-
-    def knapsack(self, shares):
-        """The knapsack of a place, and how many legs it has."""
-        p = np.array(shares)
-        laps = math.ceil(self.first + self.rise @ p - 1e-12)
-        over = laps - (self.first + self.rise @ p)
-        times = np.tile(self.legs_s, laps)
-        times[-1] *= 1 - 0.8 * over  # the last leg ends with the plan
-        kinds, width = len(self.legs_s), max(map(len, self.powers_w)) - 1
-        use, gain = np.zeros((len(times), width)), np.zeros((len(times), width))
-        base = 0.0
-        ground = times / times.sum()
-        for leg, seconds in enumerate(times.tolist()):
-            powers_w, values = self.powers_w[leg % kinds], self.values[leg % kinds]
-            base += seconds * (self.motion_w[leg % kinds] + powers_w[0]) * 1e-5
-            use[leg, : len(powers_w) - 1] = seconds * np.diff(powers_w) * 1e-5
-            gain[leg, : len(values) - 1] = (1 - self.weight) * ground[leg] * np.diff(values)
-        value = self.weight * float(p.mean())
-        available = self.available - float(self.margin @ p**2)
-        numbers = (np.array([each]) for each in (base, value, available))
-        return Knapsack(use, gain, np.zeros(len(use), dtype=np.intp), *numbers), len(times)
-
-    def evaluate(self, places):
-        """Those that can be flown, with their evaluation."""
-        flyable = [shares for shares in places if shares[0] <= self.until]
+    def evaluate(places):
+        flyable = [shares for shares in places if shares[0] <= until]
         if not flyable:
             return [], None
-        found = [self.knapsack(shares[: self.dimensions]) for shares in flyable]
-        return flyable, Evaluated([one for one, _ in found], [count for _, count in found], [0.01] * len(found))
+        p = np.array(flyable)
+        exact = 4.3 + p @ rise
+        laps = np.ceil(exact - 1e-12)
+        seconds = laps - 0.3 * (laps - exact)  # the last lap ends with the plan
+        left = available - 0.02 * (p**2).sum(axis=1)
+        return flyable, evaluation(
+            0.05 * seconds, WEIGHT * p.mean(axis=1), left, laps.astype(int), 0.02 * seconds[:, None], 1 - WEIGHT
+        )
 
-    def by_brute_force(self):
-        """The best value over a fine grid; None where nothing is feasible."""
-        count = PLACES if self.dimensions == 1 else EACH
-        axes = np.meshgrid(*[np.linspace(0, 1, count)] * self.dimensions)
-        places = [tuple(each) for each in np.array([axis.ravel() for axis in axes]).T.tolist() if each[0] <= self.until]
-        _, found = self.evaluate(places)
-        filling = found.filled()
-        return float(filling.value[filling.feasible].max()) if filling.feasible.any() else None
-
-
-def searched(mission, start=None, **more):
-    start = (0.5,) * mission.dimensions if start is None else start
-    return Search(mission.evaluate, mission.weight, **more).best(start)
+    return evaluate
 
 
-@pytest.mark.parametrize(
-    ("dimensions", "seeds"),
-    [
-        (1, range(3)),
-        pytest.param(1, range(4, 12), marks=pytest.mark.slow),
-        pytest.param(2, range(100, 104), marks=pytest.mark.slow),
-    ],
-)
-def test_made_up_missions_against_brute_force(dimensions, seeds):
-    gaps = []
-    for seed in seeds:
-        mission = Mission(seed, dimensions)
-        best, found = mission.by_brute_force(), searched(mission)
-        if best is None:
-            continue
-        assert found.feasible, "brute force has found something"
-        gaps.append(best - found.value)
-    assert len(gaps) > len(seeds) / 2
-    assert median(gaps) <= MEDIAN_GAP
-    assert max(gaps) <= SCAN_GAP
-    assert np.mean(np.array(gaps) <= WORST_GAP) >= 0.95
+def everywhere(evaluate, dimensions=1):
+    axis = np.linspace(0, 1, PLACES if dimensions == 1 else EACH).tolist()
+    return evaluate(list(itertools.product(axis, repeat=dimensions)))[1]
 
 
-def test_what_is_found_is_what_the_place_has():
-    for seed in range(10):
-        mission = Mission(seed, 1)
-        found = searched(mission)
-        _, alone = mission.evaluate([found.shares])
-        assert found.value == pytest.approx(float(alone.filled().value[0]))
-        assert found.feasible == bool(alone.filled().feasible[0])
+def best_of(found):
+    filling = found.filled()
+    return float(filling.value[filling.feasible].max())
 
 
-@pytest.mark.quick(1)
+@pytest.mark.parametrize("rise", [(1.5,), (4.7,), (11.2,), (2.3, 7.1), (8.9, 3.4)])
+def test_made_up_missions_against_brute_force(rise):
+    evaluate = made_up(*rise)
+    found = Search(evaluate, WEIGHT).best((0.5,) * len(rise))
+    assert found.feasible
+    assert best_of(everywhere(evaluate, len(rise))) - found.value <= WORST_GAP
+
+
 @pytest.mark.parametrize("until", [0.05, 0.45, 0.95])
-@pytest.mark.parametrize("start", few([0.0, 0.5, 1.0], 1))
-def test_a_plan_that_cannot_be_flown_at_some_parameters(until, start):
-    mission = Mission(5, 1, tight=0.9, until=until)
-    assert mission.by_brute_force() - searched(mission, (start,)).value <= WORST_GAP
+def test_a_plan_that_cannot_be_flown_at_some_parameters(until):
+    evaluate = made_up(4.7, until=until)
+    assert best_of(everywhere(evaluate)) - Search(evaluate, WEIGHT).best((0.5,)).value <= WORST_GAP
 
 
 def test_a_plan_that_cannot_be_flown_anywhere_has_no_place():
-    assert searched(Mission(5, 1, until=-1.0)) is None
+    assert Search(made_up(4.7, until=-1.0), WEIGHT).best((0.5,)) is None
 
 
 def test_too_little_charge_everywhere_finds_what_is_short_of_least():
-    mission = Mission(6, 1, tight=-0.5)
-    found = searched(mission, (0.7,))
+    evaluate = made_up(4.7, available=0.1)
+    found = Search(evaluate, WEIGHT).best((0.7,))
     assert not found.feasible
-    knapsacks = stacked([mission.knapsack((p,))[0] for p in np.linspace(0, 1, PLACES).tolist()])
-    assert found.shortfall == pytest.approx(float((-knapsacks.spare).min()), abs=1e-3)
+    assert found.shortfall == pytest.approx(float((-everywhere(evaluate).knapsack.spare).min()), abs=1e-3)
 
 
 def test_a_step_that_is_feasible_at_its_edge_alone():
     """Charge that is enough below 0.31 only, where the path is worth the more the higher p."""
 
     def evaluate(places):
-        alone = [
-            Knapsack(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1, dtype=np.intp), *map(np.array, numbers))
-            for (p,) in places
-            for numbers in [([0.4 + (p > 0.31)], [p], [0.9])]
-        ]
-        return places, Evaluated(alone, [1 + int(p * 5) for (p,) in places], [0.0] * len(places))
+        (p,) = np.array(places).T
+        return places, evaluation(0.4 + (p > 0.31), p, np.full(len(p), 0.9), 1 + (5 * p).astype(int))
 
     found = Search(evaluate).best((1.0,))
     assert 0.31 - FINEST <= found.value <= 0.31
-
-
-@pytest.mark.slow
-def test_a_search_for_what_is_of_use_decides_as_one_for_the_best():
-    """With a threshold fewer places are looked at, and a place above it is found if there is one."""
-    looked, decided = {True: 0, False: 0}, 0
-    for seed in range(60):
-        mission = Mission(seed, 1)
-        _, here = mission.evaluate([(0.5,)])
-        if not here.filled().feasible[0]:
-            continue
-        useful = float(here.filled().value[0]) + 0.05
-        found = {}
-        for bounded in (False, True):
-            search = Search(mission.evaluate, mission.weight, useful if bounded else -math.inf)
-            found[bounded] = search.best((0.5,)).value
-            looked[bounded] += len(search.known)
-        if abs(found[False] - useful) > WORST_GAP / 5:
-            decided += found[False] > useful
-            assert (found[True] > useful) == (found[False] > useful)
-    assert decided > 5
-    assert looked[True] <= looked[False]
 
 
 def test_rounding_does_not_choose_between_places():
@@ -233,13 +110,13 @@ def test_rounding_does_not_choose_between_places():
 
 
 def test_a_place_is_evaluated_once():
-    mission, seen = Mission(3, 1), []
+    mission, seen = made_up(4.7), []
 
     def evaluate(places):
         seen.extend(places)
-        return mission.evaluate(places)
+        return mission(places)
 
-    search = Search(evaluate, mission.weight)
+    search = Search(evaluate, WEIGHT)
     search.best((0.5,))
     search.best((0.5,))
     assert len(seen) == len(set(seen)) == len(search.known)
@@ -265,62 +142,3 @@ def test_the_survey_against_every_place(capacity_ah, wind_mps):
     best = float(filling.value[filling.feasible].max())
     assert found.feasible
     assert best - found.value <= ON_ROUTES
-
-
-TWO_PARAMETERS = """\
-init:
-n = 4
-a = 0, 40 + c1
-path:
-0.1; 90; x - a
-a, 300 + c2
-[4, 20]
-[-60, 0]
-[2, 10]
-0.01; 270; (x - a - 20)^2 + (y - 300 - c2)^2 - 400
-a + 40, 300 + c2
-[4, 20]
-[-60, 0]
-[2, 10]
-0.1; 270; x - a - 40
-a + 40, 0
-[4, 20]
-[-60, 0]
-[2, 10]
-0.01; 90; (x - a - 40 - c1/2)^2 + y^2 - (c1/2)^2
-a + 40 + c1, 0
-[4, 20]
-[-60, 0]
-[2, 10]
-trig:
-600, 0
-"""
-
-
-def mission_of(tmp_path, text, **overrides):
-    return plan_inputs(tmp_path, text, **{"planner.name": "joint", **overrides})
-
-
-def of_places(inputs, shares):
-    """Places of a mission from before take-off, their evaluator, and what is known."""
-    settings = inputs.scenario.planner
-    _, known = before_take_off(settings, inputs.mission, (0.0, 0.0), 0.0)
-    forecasting = Forecasting(inputs, objective=Objective(settings.reserve_soc, 0.95))
-    places = Places(forecasting.evaluator, inputs.mission.parameters)
-    places.enter(known)
-    assert len(places.shares) == shares
-    return places, forecasting.evaluator, partial(places.evaluate, known)
-
-
-@pytest.mark.slow
-def test_two_parameters_against_a_grid(tmp_path):
-    inputs = mission_of(tmp_path, TWO_PARAMETERS, **{"battery.capacity_ah": 0.45, **CALM})
-    inputs = replace(inputs, mission=replace(inputs.mission, nominal=None))  # its turns are tighter than the aircraft's
-    places, evaluator, evaluate = of_places(inputs, 2)
-    found = Search(evaluate, evaluator.path_weight).best(places.shares)
-    grid = np.linspace(0, 1, EACH).tolist()
-    _, everywhere = evaluate([(one, other) for one in grid for other in grid])
-    filling = everywhere.filled()
-    assert filling.feasible.any()
-    assert found.feasible
-    assert float(filling.value[filling.feasible].max()) - found.value <= WORST_GAP

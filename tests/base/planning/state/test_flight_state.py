@@ -1,7 +1,5 @@
 """The state of a flight: it depends on its readings, and neither on when it is asked nor on their batches."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from functools import lru_cache
@@ -11,7 +9,6 @@ import pytest
 from common.forecasts import plan_inputs, survey_inputs
 from common.observations import measured
 
-from eadp.api.inputs import load_flight
 from eadp.planning.base import Observation, Readings
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.wind import MEASURED_WIND_S
@@ -91,14 +88,6 @@ def test_what_it_knows_does_not_depend_on_when_it_is_asked(every, faults):
     assert once.losses == faults
 
 
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
-def test_nor_in_the_middle_of_a_flight(share):
-    inputs, taken, *_ = survey_flight(True)
-    taken = taken[: int(share * len(taken))]
-    assert known_at_end(state_of(inputs, taken), taken) == known_at_end(state_of(inputs, taken, every=1), taken)
-
-
 def singles(readings):
     """Batches of one reading each."""
     columns = [np.asarray(column, dtype=float) if len(column) else column for column in readings]
@@ -120,54 +109,6 @@ def test_a_batch_is_its_readings_one_by_one(faults):
     assert one_by_one.cursor == whole.cursor
 
 
-CLIMBING = """\
-%: altitude 25
-0.1; 90; x
-0, 1000
-[0, 0]
-%: altitude 125
-0.1; 90; x
-0, 2500
-[0, 0]
-"""
-
-
-@pytest.mark.slow
-def test_a_batch_of_a_climb_is_its_readings_one_by_one(tmp_path):
-    """A climb slows the aircraft reading by reading: the wind must not show it, whatever the batch."""
-    path = tmp_path / "a.plan"
-    path.write_text(CLIMBING)
-    keys = {"planner.name": "joint", "start.position_m": [0, 0], "wind.speed_mps": 0.0, "step_s": 0.1}
-    inputs, taken, *_ = recorded(load_flight(str(path), overrides=keys))
-    split = []
-    for each in taken:
-        split += [each] if isinstance(each, Observation) else singles(each)
-    assert len(split) > 2 * len(taken)
-    whole, one_by_one = (known_at_end(state_of(inputs, each), each) for each in (taken, split))
-    assert numbers(one_by_one) == pytest.approx(numbers(whole), rel=BATCHES, abs=BATCHES)
-    assert whole.climb is not None
-    assert math.hypot(*whole.wind.mps) < 0.1
-
-
-@pytest.mark.slow
-def test_batches_joined_are_those_apart():
-    """Readings between two observations in one batch, or in several."""
-    inputs, taken, *_ = survey_flight()
-    joined, waiting = [], None
-    for each in taken:
-        if isinstance(each, Observation):
-            joined += [waiting, each] if waiting is not None else [each]
-            waiting = None
-        elif waiting is None:
-            waiting = each
-        else:
-            columns = zip(waiting, each, strict=True)
-            waiting = Readings(*(np.concatenate([np.asarray(a, float), np.asarray(b, float)]) for a, b in columns))
-    joined += [waiting] if waiting is not None else []
-    whole, other = (known_at_end(state_of(inputs, each), each) for each in (taken, joined))
-    assert numbers(other) == pytest.approx(numbers(whole), rel=BATCHES, abs=BATCHES)
-
-
 # --- what it knows ----------------------------------------------------------------------------------------------------
 
 
@@ -187,34 +128,6 @@ def test_it_knows_the_flight():
     assert known.stages_started == 1 + len([1 for a, b in itertools.pairwise(steps) if a.stage != b.stage])
     assert known.charge.believed
     assert known.climb is None
-
-
-def test_the_ground_it_has_seen_is_that_of_the_metrics():
-    inputs, taken, outcome, _ = survey_flight()
-    known = known_at_end(state_of(inputs, taken), taken)
-    flown, run = known.flown, known.flown.run
-    quality = outcome.parameters.quality({})
-    # the laps before the last one: their mean is U but for the last lap
-    assert flown.value / flown.ground == pytest.approx(quality, abs=0.06)
-    assert run.flown_s > 0
-    weighted = known_at_end(state_of(inputs, taken, weights={"c1": 9.0}), taken)
-    other = outcome.parameters.quality({"c1": 9.0})
-    assert weighted.flown.value / weighted.flown.ground == pytest.approx(other, abs=0.08)
-
-
-def test_time_since_the_stage_was_joined_is_of_the_flight():
-    inputs, taken, outcome, _ = survey_flight()
-    state = FlightState(inputs.mission)
-    starts = [0.0, *outcome.stage_times_s]
-    for each in taken:
-        if not isinstance(each, Observation):
-            state.ingest(each)
-            continue
-        state.observe(each)
-        known = state.known(each.time_s, each.position_m)
-        assert known.since_s == pytest.approx(starts[each.stages_started - 1], abs=0.06)
-        assert (known.cursor, known.stages_started) == (each.cursor, each.stages_started)
-        assert known.joined_m == each.joined_m
 
 
 # --- what is missing or false -----------------------------------------------------------------------------------------
@@ -258,23 +171,6 @@ def test_without_any_power_the_airframes_stays():
     known = known_at_end(state_of(inputs, blind), blind)
     assert known.motion.level_w == pytest.approx(inputs.mission.vehicle.cruise_power_w, rel=1e-6)
     assert np.isfinite(numbers(known)).all()
-
-
-@pytest.mark.parametrize("gap_s", [15.0, 60.0])
-def test_a_gap_is_flown_through(gap_s):
-    inputs, taken, *_ = survey_flight()
-    whole = known_at_end(state_of(inputs, taken), taken)
-    rest = [each for each in taken if not 150.0 < time_of(each) < 150.0 + gap_s]
-    first = next(i for i, each in enumerate(rest) if time_of(each) >= 150.0 + gap_s)
-    rest = [
-        each._replace(through_gap=True) if i >= first and isinstance(each, Observation) and i < first + 3 else each
-        for i, each in enumerate(rest)
-    ]
-    known = known_at_end(state_of(inputs, rest), rest)
-    assert np.isfinite(numbers(known)).all()
-    assert known.soc == pytest.approx(whole.soc, abs=0.02)
-    assert known.time.ratio == pytest.approx(whole.time.ratio, abs=0.03)
-    assert known.motion.level_w == pytest.approx(whole.motion.level_w, rel=0.1)
 
 
 def test_a_leg_through_a_gap_is_not_learned_from():

@@ -1,7 +1,5 @@
 """Headings that contradict the ground velocity are disbelieved; true ones in wind and gusts are not."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

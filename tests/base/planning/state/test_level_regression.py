@@ -1,7 +1,5 @@
 """A level that may step: found soon and rarely by mistake; its slopes by the textbook."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -76,11 +74,8 @@ def test_the_power_of_a_climb_is_a_term_of_its_own(compiled_code):
     powers = 40 + 12 * slopes + 50 * rates + rng.normal(0, 0.8, count)
     motion = MotionPower(40.0, FixedWing(), climb_j_per_m=45.0)
     compiled.enable(compiled_code)
-    try:
-        for power_w, slope, rate in zip(powers, slopes, rates, strict=True):
-            motion.ingest([power_w] * 5, [0.0] * 5, [1.0] * 5, slope, rate)
-    finally:
-        compiled.enable(False)
+    for power_w, slope, rate in zip(powers, slopes, rates, strict=True):
+        motion.ingest([power_w] * 5, [0.0] * 5, [1.0] * 5, slope, rate)
     weights = WINDOW_S * np.exp(-WINDOW_S * np.arange(count)[::-1] / FADE_S)
     prior, spread = np.array([40.0, TURN_SHARE * 40, 45.0]), [LEVEL_SHARE * 40, TURN_SHARE * 40, CLIMB_SHARE * 45]
     rows = np.column_stack([np.ones(count), slopes, rates])

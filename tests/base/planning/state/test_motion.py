@@ -1,20 +1,14 @@
-"""The motion's power: regression by its textbook formulas, calibration over many flights."""
-
-from __future__ import annotations
+"""The motion's power: before a window, within one, and in gusts that last."""
 
 import math
 
 import numpy as np
 import pytest
-from regression import posterior
 
-from eadp.core import compiled
 from eadp.models.vehicle import FixedWing
 from eadp.planning.state import motion as power
-from eadp.planning.state.level_regression import FADE_S, WINDOW_S
+from eadp.planning.state.level_regression import WINDOW_S
 from eadp.planning.state.motion import MotionPower
-
-fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 
 
 def observe(motion, power_w, step_s, slope):
@@ -34,39 +28,12 @@ def energy_variance_j2(motion, seconds, bank_s):
     return seconds * seconds * aa + 2 * seconds * bank_s * ab + bank_s * bank_s * bb + noise * seconds
 
 
-def test_power_is_a_bayesian_regression():
-    rng, count = np.random.default_rng(1), 30
-    slopes = rng.choice([0.0, 0.2, 0.35], count)
-    powers = 35 + 12 * slopes + rng.normal(0, 0.8, count)
-    motion = MotionPower(36.0, FixedWing())
-    spells(motion, powers, slopes)
-    ages = WINDOW_S * np.arange(count)[::-1]
-    weights = WINDOW_S * np.exp(-ages / FADE_S)
-    prior = np.array([36.0, power.TURN_SHARE * 36.0])
-    spread = np.array([power.LEVEL_SHARE * 36.0, power.TURN_SHARE * 36.0])
-    mean, covariance = posterior(
-        np.column_stack([np.ones(count), slopes]), powers, motion.known().noise / weights, prior, spread
-    )
-    # the noise is learned from the residuals, so that mean and noise go on in turns: near the fixed point
-    assert (motion.known().level_w, motion.known().slope_w) == pytest.approx(mean, rel=1e-3)
-    seconds, bank_s = 400.0, 60.0
-    row = np.array([seconds, bank_s])
-    expected = row @ covariance @ row + motion.known().noise * seconds
-    assert energy_variance_j2(motion, seconds, bank_s) == pytest.approx(expected, rel=1e-6)
-
-
 def test_power_before_anything_is_flown():
     motion = MotionPower(36.0, FixedWing())
     assert motion.known().level_w == 36
     assert motion.known().slope_w == pytest.approx(0.3 * 36)
     level_j2 = (power.LEVEL_SHARE * 36 * 100) ** 2
     assert energy_variance_j2(motion, 100.0, 0.0) == pytest.approx(level_j2 + motion.known().noise * 100)
-
-
-def test_power_that_nothing_is_known_of_is_what_is_flown():
-    motion = MotionPower(0.0, FixedWing())
-    spells(motion, [42.0] * 3, [0.0] * 3)
-    assert motion.known().level_w == pytest.approx(42, rel=1e-4)
 
 
 def test_short_spells_are_left_out_and_a_spell_ends_with_its_leg():
@@ -80,46 +47,10 @@ def test_short_spells_are_left_out_and_a_spell_ends_with_its_leg():
     assert 36 < motion.known().level_w < 40
 
 
-def test_before_the_first_window_the_variance_is_that_of_the_prior():
-    """Of the level, and of windows of 3 % of it whose errors are independent."""
-    level, noise = 36 * power.LEVEL_SHARE, 36 * power.POWER_SHARE
-    expected = (level * 100) ** 2 + (100 / WINDOW_S) * (noise * power.WINDOW_S) ** 2
-    assert energy_variance_j2(MotionPower(36.0, FixedWing()), 100.0, 0.0) == pytest.approx(expected)
-
-
-def test_a_slow_change_is_followed():
-    motion = MotionPower(36.0, FixedWing())
-    for k in range(600):  # from 36 to 42 W in 50 minutes
-        spells(motion, [36 + k / 100], [0.0])
-    assert motion.known().level_w == pytest.approx(42, abs=3)
-    steady = MotionPower(36.0, FixedWing())
-    spells(steady, [36.0] * 600, [0.0] * 600)
-    assert energy_variance_j2(motion, 100, 0) > energy_variance_j2(steady, 100, 0)
-
-
 def test_the_slope_is_never_below_0():
     motion = MotionPower(36.0, FixedWing())
     spells(motion, [36.0, 10.0] * 20, [0.0, 0.3] * 20)
     assert motion.known().slope_w == 0
-
-
-@pytest.mark.slow
-def test_forecasts_of_energy_are_calibrated():
-    squares = []
-    for seed in range(150):
-        rng = np.random.default_rng(seed)
-        level = 36 * (1 + rng.normal(0, power.LEVEL_SHARE))
-        slope = max(36 * power.TURN_SHARE * (1 + rng.normal()), 0.0)
-        slopes = np.tile([0.0, 0.0, 0.25], 6)
-        spread = rng.uniform(0.4, 1.6)
-        motion = MotionPower(36.0, FixedWing())
-        spells(motion, level + slope * slopes + rng.normal(0, spread, len(slopes)), slopes)
-        seconds, bank_s = 300.0, 25.0
-        came = level * seconds + slope * bank_s + rng.normal(0, spread * math.sqrt(seconds * WINDOW_S))
-        told = motion.known().level_w * seconds + motion.known().slope_w * bank_s
-        squares.append((came - told) ** 2 / energy_variance_j2(motion, seconds, bank_s))
-    assert np.mean(squares) == pytest.approx(1, abs=0.4)
-    assert np.mean(np.array(squares) < 1.645**2) == pytest.approx(0.9, abs=0.07)
 
 
 def test_a_first_window_in_a_gust_is_not_believed():
@@ -146,27 +77,3 @@ def test_gusts_that_last_are_learned(windows, seeds):
         variance_j2 = energy_variance_j2(motion, 600.0, 0.0)
         squares.append((came - 600 * motion.known().level_w) ** 2 / variance_j2)
     assert 0.7 < math.sqrt(np.mean(squares)) < 1.4
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
-def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
-    """Nothing measured now and then."""
-    rng, count = np.random.default_rng(seed), 400
-    steps_s = rng.uniform(0.05, 0.5, count).tolist()
-    powers_w = (45.0 + rng.normal(0, 3, count)).tolist()
-    for i in range(60, 80):
-        powers_w[i] = math.nan
-    motion, together, at = MotionPower(40.0, FixedWing()), MotionPower(40.0, FixedWing()), 0
-    for step_s, reading_w in zip(steps_s, powers_w, strict=True):
-        if not math.isnan(reading_w):
-            observe(motion, reading_w - 5.0, step_s, 0.1)
-    compiled.enable(compiled_code)
-    try:
-        while at < count:
-            end = min(count, at + int(rng.integers(1, 40)))
-            together.ingest(powers_w[at:end], [5.0] * (end - at), steps_s[at:end], 0.1)
-            at = end
-    finally:
-        compiled.enable(False)
-    assert together.known()[:6] == pytest.approx(motion.known()[:6], rel=1e-9)

@@ -1,7 +1,5 @@
 """The gate of power readings, and what false ones do to a flight."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -10,11 +8,8 @@ from common import ROOT
 from common.observations import measured
 
 from eadp.api.inputs import load_flight
-from eadp.core import compiled
 from eadp.planning.state.power import MAX_RATIO, PERSISTENT_S, PowerGate
 from eadp.simulation.loop import Outcome, fly
-
-fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 
 LIMIT_W, MEAN_W = 1000.0, 40.0
 
@@ -40,10 +35,6 @@ def test_false_readings_do_not_pass_and_others_do(false_w, count):
     assert found[100 : 100 + count] == [None] * count
     assert [*found[:100], *found[100 + count :]] == [*true[:100], *true[100 + count :]]
     assert gate.max_motion_w <= MEAN_W + 10 - 5
-
-
-def test_the_first_reading_may_be_false():
-    assert passed([6000.0 / 10, 42.0])[1] == [None, 42.0]
 
 
 @pytest.mark.parametrize("step_s", [0.1, 1.0])
@@ -104,30 +95,6 @@ def undisturbed():
 )
 def test_false_readings_of_power_cost_no_quality(undisturbed, false_w):
     assert quality(false_w) == pytest.approx(undisturbed, abs=0.01)
-
-
-@pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
-@pytest.mark.parametrize("seed", range(3))
-def test_readings_in_a_batch_pass_as_one_by_one(seed, compiled_code):
-    rng = np.random.default_rng(seed)
-    times_s = np.cumsum(rng.uniform(0.05, 1.0, 200)).tolist()
-    powers_w = (40.0 * np.exp(rng.normal(0, 0.2, 200))).tolist()
-    for i in rng.integers(0, 200, 40):
-        powers_w[i] = [None, math.nan, -1.0, 900.0, 1e9][i % 5]
-    one, other = PowerGate(36.0, LIMIT_W), PowerGate(36.0, LIMIT_W)
-    expected = [passed_of(one, t, power) for t, power in zip(times_s, powers_w, strict=True)]
-    found, at = [], 0
-    compiled.enable(compiled_code)
-    try:
-        while at < 200:
-            end = at + int(rng.integers(1, 20))
-            passed = other.ingest(times_s[at:end], powers_w[at:end], 5.0)
-            found += [None if math.isnan(power_w) else power_w for power_w in passed]
-            at = end
-    finally:
-        compiled.enable(False)
-    assert found == expected
-    assert (one.max_motion_w, one.rejects) == (other.max_motion_w, other.rejects)
 
 
 def test_a_take_off_passes_and_says_nothing_of_the_power_after_it():

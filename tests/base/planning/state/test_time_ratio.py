@@ -1,7 +1,5 @@
 """The ratio of flown to forecast times: regression by its textbook formulas, calibration over many flights."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -31,12 +29,6 @@ def test_the_ratio_is_a_bayesian_regression(count):
     mean, covariance = posterior(told[:, None], flown - told, found.noise_s * told, np.zeros(1), [time_ratio.RATIO_STD])
     assert found.ratio - 1 == pytest.approx(mean[0], abs=ALGEBRA)
     assert found.variance == pytest.approx(covariance[0, 0], rel=ALGEBRA)
-
-
-def test_before_anything_is_flown():
-    fresh = TimeRatio()
-    assert fresh.ratio == 1
-    assert fresh.variance == pytest.approx(time_ratio.RATIO_STD**2)
 
 
 def test_the_noise_of_a_gust_that_stays():

@@ -1,7 +1,5 @@
 """A cell that is lost shows in the voltage; a pack that is drained does not look so."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import ROOT
