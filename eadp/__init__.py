@@ -33,7 +33,7 @@ _MODULES = {
     "eadp.errors": ("EadpError", "Infeasible", "InputError"),
     "eadp.models.energy": ("EnergyModel",),
     "eadp.models.plan.plan": ("Plan",),
-    "eadp.models.profile": ("Profile", "ProfileSum"),
+    "eadp.models.profile": ("Profile",),
     "eadp.sweep.results": ("SweepFlight",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

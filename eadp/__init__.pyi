@@ -11,7 +11,7 @@ from eadp.measure.power import EnergyFit, fit_power
 from eadp.measure.vehicle import fit_vehicle
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
-from eadp.models.profile import Profile, ProfileSum
+from eadp.models.profile import Profile
 from eadp.report.report import report
 from eadp.survey.cover import cover
 from eadp.survey.folder import JobFlight, simulate_sorties
@@ -38,7 +38,6 @@ __all__ = [
     "LinkOptions",
     "Plan",
     "Profile",
-    "ProfileSum",
     "ReplanOptions",
     "SortieOptions",
     "SortiePlan",

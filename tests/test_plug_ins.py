@@ -110,7 +110,7 @@ def test_a_package_that_cannot_be_imported_is_named(site, capsys, monkeypatch):
 @pytest.mark.quick(1)
 @pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("fast", [True, False])
-def test_an_airframe_flies_with_its_own_formulas(fast, tmp_path):
+def test_an_airframe_flies_with_its_own_keys(fast, tmp_path):
     compiled.enable(fast)
     kind = plug_in("airframes", "glider")
     assert issubclass(kind, FixedWing)
@@ -128,6 +128,7 @@ def test_an_airframe_flies_with_its_own_formulas(fast, tmp_path):
     ("own", "message"),
     [
         ({"climb_rates_mps": lambda self, airspeed_mps: (1.0, 1.0)}, "has climb_rates_mps of its own"),
+        ({"drag_n": lambda self, airspeed_mps, bank_rad=0.0: 9.0}, "has drag_n of its own"),
         (None, "inherits from neither FixedWing nor PowerCurve"),
     ],
 )

@@ -51,7 +51,7 @@ def folder(tmp_path_factory):
     plan = target.parent / "survey.plan"
     known = "%: origin 55.37 10.43\n%: field -200 -200, 200 -200, 200 100, -200 100\n%: field-name Meadow\n"
     plan.write_text(known + PLAN.read_text(encoding="utf-8"), encoding="utf-8")
-    overrides = {"time_limit_s": 30, "step_s": 0.05, "computations.c2.max_rate": 8}
+    overrides = {"time_limit_s": 30, "step_s": 0.05}
     overrides["vehicle.airframe.airspeed_range_mps"] = [10, 15]
     eadp.simulate(plan, scenario=SCENARIO, overrides=overrides).write(target, figure="paper")
     return target

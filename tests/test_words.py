@@ -11,7 +11,7 @@ from eadp.cli.main import main
 from eadp.planning.base import SHORT
 
 FAST = "--set", "step_s=0.1", "--set", "planner.every_s=10"
-SMALL = "--set", "battery={cells: 4, capacity_ah: 0.3, cycles: 50}"
+SMALL = "--set", "battery={cells: 4, capacity_ah: 0.3}"
 ROW = re.compile(r"^\| (?P<inside>[^|]+) \| (?P<read>[^|]+) \|$", re.MULTILINE)
 
 

@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eadp.api.documents import Endurance, Endurances, EnergyForecast, ParameterSummary, Summary, Timings
 from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, Source, load_flight
 from eadp.core.arrays import FloatArray
@@ -28,7 +27,7 @@ from eadp.io.text.streams import new_folder
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PATH
-from eadp.models.profile import AnyProfile
+from eadp.models.profile import Profile
 from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
 from eadp.planning.forecast.held import Preflight
@@ -56,14 +55,14 @@ def summarise(
     settings: PlannerSettings,
     expected: Preflight | None = None,
     never_past: str = "",
-) -> Summary:
+) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
     `settings` are the planner's; `expected` is the forecast before take-off, `never_past` as of `FlightInputs`.
     """
     log, totals, report = outcome.parameters, outcome.totals, flight.planner.report
     assert log is not None
-    parameters: dict[str, ParameterSummary] = {}
+    parameters: dict[str, dict[str, Any]] = {}
     for i, parameter in enumerate(world.plan.parameters):
         record = log.records[i]
         parameters[parameter.name] = {
@@ -72,8 +71,6 @@ def summarise(
             "last": record.last,
             "changes": record.changes,
         }
-        if parameter.name in world.rates:
-            parameters[parameter.name]["actual_mean"] = log.actual_mean(i)
         if parameter.kind == PATH:
             parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]
         if parameter.title:
@@ -143,16 +140,16 @@ def repeatable(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {**summary, "solver": solver}
 
 
-def _endurance(world: World, outcome: Outcome) -> Endurances:
+def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
     log, rho, duration_s = outcome.parameters, world.plan.path_count, outcome.duration_s
     assert log is not None
     computing_w = log.computing_j / duration_s
     motion_w = outcome.totals.energy_j / duration_s - computing_w
-    means = {name: log.records[i].actual_integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
-    low, high = (world.computing.extreme(world.plan, end, world.actual) for end in ("lo", "hi"))
+    means = {name: log.records[i].integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
+    low, high = (world.computing.extreme(world.plan, end) for end in ("lo", "hi"))
 
-    def endurance(own_w: float, values: dict[str, float]) -> Endurance:
+    def endurance(own_w: float, values: dict[str, float]) -> dict[str, Any]:
         power_w = motion_w + own_w
         time_s = world.battery.endurance_s(power_w) if power_w > 0 else None
         return {"parameters": values, "computing_w": own_w, "power_w": power_w, "time_s": time_s}
@@ -168,10 +165,10 @@ def _endurance(world: World, outcome: Outcome) -> Endurances:
     }
 
 
-def forecast_values(expected: Preflight) -> EnergyForecast:
+def forecast_values(expected: Preflight) -> dict[str, Any]:
     """The content of `energy_forecast`."""
     forecast = expected.forecast
-    values: EnergyForecast = {
+    values: dict[str, Any] = {
         "completes": (forecast.completes_probability or 0.0) >= 0.5,
         "completes_probability": forecast.completes_probability,
         "reserve_probability": forecast.reserve_probability,
@@ -251,31 +248,19 @@ class Flight:
     """
 
     inputs: FlightInputs
-    summary: Summary
+    summary: dict[str, Any]
     steps: list[Step]
     decisions: Sequence[DecisionRecord] = ()
     overrides: Sequence[str] = ()
     estimates: Sequence[Any] = ()
 
-    def table(self, of: Literal["steps", "decisions", "estimates"] = "steps") -> AnyTable:
-        """A table of pandas, polars or Arrow, whichever is installed; else a dict of lists.
+    def table(self) -> AnyTable:
+        """`columns` as a table of pandas, polars or Arrow, whichever is installed; else a dict of lists.
 
-        Of steps, `columns`, and each parameter with a name under it, as people read it: c1 as spacing, c2 as fps. Of
-        decisions and estimates, the keys of `decisions.jsonl` and the columns of `estimate.csv`.
+        Each parameter with a name stands under it, too, as people read it: c1 as spacing, c2 as fps.
         """
-        world = self.inputs.world
-        if of == "decisions":
-            rows = [record_row(record, world.plan.names) for record in self.decisions]
-            for row in rows:
-                row |= row.pop("parameters")
-            return frame({key: [row[key] for row in rows] for key in (rows[0] if rows else ())})
-        if of == "estimates":
-            head, *lines = self.estimate_rows or [()]
-            values = zip(*lines, strict=True) if lines else [()] * len(head)
-            cells = ([None if cell == "" else cell for cell in column] for column in values)
-            return frame(dict(zip(map(str, head), cells, strict=True)))
         columns: dict[str, Any] = {**self.columns, "stage": self.columns["stage"].astype(int)}
-        for parameter in world.plan.parameters:
+        for parameter in self.inputs.world.plan.parameters:
             if parameter.title:
                 columns[parameter.title] = [parameter.shown(value) for value in self.lists[parameter.name]]
         return frame(columns)
@@ -321,14 +306,13 @@ class Flight:
         world = self.inputs.world
         earth = [] if world.plan.site.origin_deg is None else ["lat_deg", "lon_deg"]
         fixed = [name for name in Step._fields[:-1] if name not in AIRSPEEDS]
-        return [*fixed, *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth, *self._speeds]
+        return [*fixed, *world.plan.names, *earth, *self._speeds]
 
     def _row(self, step: Step) -> list[float]:
         world = self.inputs.world
-        actual = dict(zip(world.plan.names, world.actual(step.parameters), strict=True))
         row: list[float] = [round(step.time_s, 9), step.stage, step.x_m, step.y_m, step.altitude_m, step.heading_rad]
         row += step.power_w, step.power_forecast_w, step.soc
-        row += [*step.parameters, *(actual[name] for name in world.rates)]
+        row += step.parameters
         if world.plan.site.origin_deg is not None:
             row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.site.origin_deg)]
         return row + [getattr(step, name) for name in self._speeds]
@@ -361,7 +345,7 @@ class Flight:
             _write_csv(target / "flight.csv", [self._names, *self._rows])
             _write_csv(target / "estimate.csv", self.estimate_rows)
             solver: Mapping[str, Any] = self.summary["solver"]
-            timings: Timings = {"schema": "eadp.timings/1", "solver": {key: solver[key] for key in CLOCKED}}
+            timings: dict[str, Any] = {"schema": "eadp.timings/1", "solver": {key: solver[key] for key in CLOCKED}}
             for name, content in ((SUMMARY, repeatable(self.summary)), ("timings.json", timings)):
                 text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
                 (target / name).write_text(f"{text}\n", encoding="utf-8")
@@ -430,7 +414,7 @@ def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequenc
 def simulate(
     plan: File | Plan,
     scenario: File | Mapping[str, Any] | None = None,
-    profile: File | AnyProfile | None = None,
+    profile: File | Profile | None = None,
     energy: File | EnergyModel | None = None,
     overrides: Overrides = (),
     *,
@@ -479,13 +463,13 @@ def simulate(
 def forecast(
     plan: File | Plan,
     scenario: File | Mapping[str, Any] | None = None,
-    profile: File | AnyProfile | None = None,
+    profile: File | Profile | None = None,
     energy: File | EnergyModel | None = None,
     overrides: Overrides = (),
     *,
     planner: str | None = None,
     warn: Warn = python_warnings,
-) -> EnergyForecast | None:
+) -> dict[str, Any] | None:
     """Forecast a flight before take-off, without flying it.
 
     Parameters

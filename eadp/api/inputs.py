@@ -21,22 +21,21 @@ from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
 from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_document, scenario_of, value_text
-from eadp.io.text.options import parse_named
 from eadp.io.text.streams import SourceText, Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import CURRENT, CUT_OFF
-from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
-from eadp.models.doubts import aircraft_doubts, angle_doubts, fault_doubts, position_doubts
+from eadp.models.computing import Computing, join_profile, load_configuration, may_compute
+from eadp.models.doubts import aircraft_doubts, angle_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
-from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Leg, Stage, leg_points
+from eadp.models.plan.stage import LAND, TAKEOFF, Leg, Stage, leg_points
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
-from eadp.models.profile import AnyProfile, configuration_text
+from eadp.models.profile import Profile, configuration_text
 from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission, PlannerSettings
@@ -54,8 +53,6 @@ LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 
 CORNERS_LIMIT = 6
 RETURN_HOME, IGNORE = "home", "ignore"
-COMMANDED = ComputationRate()
-"""A computation that runs as commanded."""
 
 Content = TypeVar("Content")
 
@@ -103,33 +100,31 @@ class Files:
             self.texts[path] = read(path)
         return self.texts[path]
 
-    def read(self, path: str, parse: Callable[[Text], Content], reference: Fault | None = None) -> tuple[Text, Content]:
-        """A file's text and content; `reference` is where another file names it."""
+    def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
+        """A file's text and content."""
         text = self.text(path)
         if (path, parse) not in self._contents:
-            self._contents[path, parse] = parse_named(text, parse, reference)
+            self._contents[path, parse] = parse(text)
         content: Content = self._contents[path, parse]
         return text, content
 
-    def document(self, given: File | Mapping[str, Any] | None, reference: Fault | None = None) -> Document:
+    def document(self, given: File | Mapping[str, Any] | None) -> Document:
         """A scenario's document: of its file, of its keys, or of the defaults."""
         if given is None:
             return Document(SourceText(Text("scenario", "")), {})
         if isinstance(given, Mapping):
             return Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
-        return self.read(str(given), scenario_document, reference)[1]
+        return self.read(str(given), scenario_document)[1]
 
     def scenario(self, given: File | Mapping[str, Any] | None, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """A scenario with some keys overridden."""
         return scenario_of(self.document(given), overrides, self.text)
 
-    def profile(
-        self, given: File | AnyProfile, reference: Fault | None = None
-    ) -> tuple[Source, AnyProfile, list[Fault]]:
+    def profile(self, given: File | Profile) -> tuple[Source, Profile, list[Fault]]:
         """A profile, a model or of measurements, where it comes from, and warnings."""
         if not isinstance(given, str | PathLike):
             return Given(given, "given-profile.yaml", profile_yaml), given, []
-        text, (profile, found) = self.read(str(given), parse_profile, reference)
+        text, (profile, found) = self.read(str(given), parse_profile)
         return text, profile, found
 
 
@@ -194,7 +189,7 @@ def load_flight(
     plan: File | Plan,
     *,
     scenario: File | Mapping[str, Any] | None = None,
-    profile: File | AnyProfile | None = None,
+    profile: File | Profile | None = None,
     energy: File | EnergyModel | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
@@ -217,10 +212,9 @@ def load_flight(
     if setting.vehicle_text is not None:
         sources["vehicle"] = setting.vehicle_text
     computations, model = None, None
-    reference = None if profile is not None else setting.fault("profile", "")
     given_profile = setting.profile_path if profile is None else profile
     if given_profile is not None:
-        sources["profile"], computations, found = files.profile(given_profile, reference)
+        sources["profile"], computations, found = files.profile(given_profile)
         warnings += found
     flown, setting = _named(flown, plan_source, computations, setting)
     place = "" if computations is None else sources["profile"].name
@@ -240,7 +234,6 @@ def load_flight(
     nominal = None if isinstance(vehicle, PaperVehicle) else NominalFlight(vehicle, setting.keys.guidance)
     forecast_s, overshoots = _nominal_s(flown, parameters, setting, start[0], nominal)
     world = _world(flown, computing, setting, parameters, start, forecast_s)
-    _check_rates(world, setting)
     _check_names(flown, setting)
     warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots, MOST)]
     mission = _mission(world, model, nominal, setting.keys.autopilot)
@@ -299,7 +292,7 @@ def _at_key(scenario: Scenario, key: str, expected: str, what: str = "") -> Iter
         raise InputError(scenario.fault(key, f"{what}{error}", expected)) from None
 
 
-def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
+def _named(plan: Plan, text: Source, profile: Profile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
     """The plan as it is flown, its computations named as in the profile where they have no names, and its scenario."""
     columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
     if not plan.computations and len(plan.parameters) == plan.path_count + len(columns):
@@ -317,7 +310,7 @@ def _world(
     forecast_s: float,
 ) -> World:
     keys, (start_m, heading_rad) = scenario.keys, start
-    vehicle, rates = keys.vehicle.airframe, keys.computations
+    vehicle = keys.vehicle.airframe
     limit_s = keys.time_limit_s or (LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S)
     return World(
         plan=plan,
@@ -333,7 +326,6 @@ def _world(
         clock=Timing(keys.step_s, keys.log_every_s, limit_s),
         seed=keys.seed,
         sensors=keys.sensors,
-        rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
         way_home=_way_home(plan, scenario, parameters, start_m),
     )
 
@@ -407,21 +399,6 @@ def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | 
         nominal=nominal,
         autopilot=autopilot,
     )
-
-
-def _doubts(scenario: Scenario, world: World) -> list[Fault]:
-    """Warnings about settings that may mean something else."""
-    keys, plan = scenario.keys, world.plan
-    first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
-    found = [
-        *aircraft_doubts(keys.vehicle.airframe, keys.battery, keys.wind),
-        *angle_doubts("wind.from_deg", keys.wind.from_deg),
-        *angle_doubts("start.heading_deg", keys.start.heading_deg),
-        *position_doubts("start", keys.start.position_m, first_m, origin_deg),
-        *position_doubts("home", keys.home.position_m, first_m, origin_deg),
-        *fault_doubts(keys.faults, world.clock.time_limit_s),
-    ]
-    return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 
 
 def _check_aircraft(plan: Plan, text: Source, scenario: Scenario) -> None:
@@ -506,7 +483,7 @@ def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
     return plan
 
 
-def _computing(plan: Plan, text: Source, profile: AnyProfile | None, place: str, scenario: Scenario) -> Computing:
+def _computing(plan: Plan, text: Source, profile: Profile | None, place: str, scenario: Scenario) -> Computing:
     """The computations of a plan, or the constant load of those that it does not decide."""
     load_at = scenario.keys.profile_at
     if load_at and (profile is None or may_compute(plan)):
@@ -527,7 +504,7 @@ def _computing(plan: Plan, text: Source, profile: AnyProfile | None, place: str,
         raise InputError.at(place, 1, 1, str(error), "a profile of the plan's computations") from None
 
 
-def _load_note(profile: AnyProfile, place: str, computing: Computing, scenario: Scenario) -> Fault:
+def _load_note(profile: Profile, place: str, computing: Computing, scenario: Scenario) -> Fault:
     """What a profile beside a plan without computations counts as."""
     load_at = scenario.keys.profile_at
     at = configuration_text(profile.names, load_configuration(profile, load_at), ",")
@@ -555,23 +532,6 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
     return tuple(values)
 
 
-def _check_rates(world: World, scenario: Scenario) -> None:
-    """The actual rates are of computations of the plan, and within what was measured."""
-    computations = [parameter.name for parameter in world.plan.parameters if parameter.kind == COMPUTATION]
-    expected = f"one of {', '.join(computations) or 'none'}"
-    faults = [
-        scenario.fault(f"computations.{name}", f"the plan has no computation {name}", expected)
-        for name in scenario.keys.computations
-        if name not in computations
-    ]
-    refuse(faults)
-    for stage in world.plan.stages if world.rates else ():
-        for corner in zip(*((box.lo, box.hi) for box in stage.sets), strict=True):
-            what = f"stage {stage.index}: the actual rates leave what was measured: "
-            with _at_key(scenario, "computations", "rates that the profile has measured", what):
-                world.computing_w(corner, stage)
-
-
 def _check_names(plan: Plan, scenario: Scenario) -> None:
     """Parameters that the planner's settings name are the plan's."""
     faults = [
@@ -596,6 +556,20 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
         )
     if found := planner_class(name).faults(scenario.planner, mission):
         raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
+
+
+def _doubts(scenario: Scenario, world: World) -> list[Fault]:
+    """Warnings about settings that may mean something else."""
+    keys, plan = scenario.keys, world.plan
+    first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
+    found = [
+        *aircraft_doubts(keys.vehicle.airframe, keys.battery),
+        *angle_doubts("wind.from_deg", keys.wind.from_deg),
+        *angle_doubts("start.heading_deg", keys.start.heading_deg),
+        *position_doubts("start", keys.start.position_m, first_m, origin_deg),
+        *position_doubts("home", keys.home.position_m, first_m, origin_deg),
+    ]
+    return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 
 
 @lru_cache(KEPT_ROUTES)

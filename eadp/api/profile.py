@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 from eadp.api.given import File, Warn, python_warnings
 from eadp.errors import Fault
 from eadp.io.profile import model_file
-from eadp.io.text.options import parse_named
 from eadp.io.text.streams import read_text
-from eadp.models.profile import AnyProfile
+from eadp.models.profile import Profile
 
 if TYPE_CHECKING:
     from eadp.io.scenario import Scenario
 
 
-def profile_of_scenario(setting: Scenario) -> tuple[AnyProfile | None, list[Fault]]:
+def profile_of_scenario(setting: Scenario) -> tuple[Profile | None, list[Fault]]:
     """The profile that a scenario names, None where it names none, and warnings.
 
     Raises
@@ -25,10 +24,10 @@ def profile_of_scenario(setting: Scenario) -> tuple[AnyProfile | None, list[Faul
     """
     if setting.profile_path is None:
         return None, []
-    return parse_named(read_text(setting.profile_path), model_file.parse_profile, setting.fault("profile", ""))
+    return model_file.parse_profile(read_text(setting.profile_path))
 
 
-def read_profile(file: File, *, warn: Warn = python_warnings) -> AnyProfile:
+def read_profile(file: File, *, warn: Warn = python_warnings) -> Profile:
     """Read a computation profile.
 
     Parameters

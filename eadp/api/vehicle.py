@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any, get_type_hints
+from typing import Any
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.io.text.streams import read_text
-from eadp.io.text.yaml import document_schema, keys_document
+from eadp.io.text.yaml import keys_document
 from eadp.io.vehicle import SCHEMA, VehicleFile, vehicle_of, vehicle_warnings
 from eadp.models.performance import Performance, performance
 
@@ -54,11 +54,6 @@ def vehicle(
 
 
 PERFORMANCE = "eadp.performance/1"
-
-
-def performance_schema() -> dict[str, Any]:
-    """JSON Schema of `eadp.performance/1`."""
-    return document_schema(PERFORMANCE, {"name": str, "model": str, **get_type_hints(Performance)})
 
 
 def performance_document(aircraft: VehicleFile, found: Performance) -> dict[str, Any]:

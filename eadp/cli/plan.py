@@ -15,7 +15,6 @@ from eadp.io.text.options import Flag
 from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
-    from eadp.api.documents import PlanDocument, PlanFinding, PlanStage
     from eadp.api.plan import CheckedPlan
     from eadp.core.expressions.tree import Expression
     from eadp.models.plan.plan import CheckReport, Finding, Plan
@@ -165,10 +164,10 @@ def _check_text(checked: CheckedPlan) -> str:
     return "\n".join([*(str(line) for line in lines), *said, total])
 
 
-def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckReport] = ()) -> PlanDocument:
+def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckReport] = ()) -> dict[str, Any]:
     """`eadp.plan/1`: a plan as other programs read it."""
     site = plan.site
-    result: PlanDocument = {
+    result: dict[str, Any] = {
         "schema": "eadp.plan/1",
         "stages": [_stage(plan, stage) for stage in plan.stages],
         "repeats": plan.whole_laps or any(segment.repeats for segment in plan.segments),
@@ -211,8 +210,8 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
     return result
 
 
-def _finding(finding: Finding) -> PlanFinding:
-    result: PlanFinding = {
+def _finding(finding: Finding) -> dict[str, Any]:
+    result: dict[str, Any] = {
         "severity": finding.severity,
         "stage": finding.stage,
         "line": finding.line,
@@ -226,10 +225,10 @@ def _finding(finding: Finding) -> PlanFinding:
     return result
 
 
-def _stage(plan: Plan, stage: Stage) -> PlanStage:
+def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
     """A stage as JSON; of a repeating segment, with the values of its first lap."""
     path, trigger = _in_first_lap(stage)
-    result: PlanStage = {
+    result: dict[str, Any] = {
         "index": stage.index,
         "line": stage.line,
         "gain": stage.gain,

@@ -11,14 +11,14 @@ from typer import Argument, Option
 
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
-from eadp.io.profile.configurations import MeasureOptions
+from eadp.io.profile.measurements import MeasureOptions
 from eadp.io.profile.recordings import PowerColumns
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, option_name
 from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
-    from eadp.models.profile import AnyProfile, Profile
+    from eadp.models.profile import Profile
 
 
 @dataclass(frozen=True)
@@ -31,17 +31,11 @@ class ModelOptions:
     plot: Annotated[str, Flag(metavar="FILE")] = ""
     """Draw the model: FILE.svg or FILE.png."""
 
-    add: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Computations measured apart: their power is added. May repeat."""
-
     names: Annotated[str, Flag(metavar="NAME,…")] = ""
     """New names of the parameters, in order."""
 
     interpolation: Literal["linear", "pchip"] | None = None
     """Between configurations; the default is linear, or the model's."""
-
-    device: Literal["total", "cpu", "gpu"] | None = None
-    """Which of powprofiler's columns is the power; the default is total."""
 
     clamp: bool = False
     """Outside the measured range, take the nearest inside."""
@@ -78,11 +72,9 @@ def command(
     INA226 or INA3221, hwmon or RAPL: eadp profile slow.log fast.log --config fps=2 --config fps=10
 
     Measure them: eadp profile --measure --config fps=2,4,6 -o measured.csv -- ./detect --rate {fps}
-
-    Computations that were measured apart: eadp profile detector.csv --add encoder.csv -o both.yaml
     """
-    from eadp.io.profile.configurations import parse_configuration
-    from eadp.io.profile.model_file import Sources, powers_at, profile_document, profile_yaml, read_profiles
+    from eadp.io.profile.measurements import parse_configuration
+    from eadp.io.profile.model_file import powers_at, profile_document, profile_yaml, read_profile
     from eadp.io.text.streams import write_text
 
     if measure:
@@ -96,8 +88,8 @@ def command(
         raise usage_fault("--output", output, "standard output is taken by --at or --format", "a file")
     configurations = [parse_configuration(raw) for raw in options.config]
     names = [name.strip() for name in model.names.split(",")] if model.names else []
-    kind, device = model.interpolation, model.device or ""
-    profile, warnings = read_profiles(Sources(files, model.add, names, configurations, kind, device, columns))
+    kind = model.interpolation
+    profile, warnings = read_profile(files, names, configurations=configurations, interpolation=kind, columns=columns)
     values, clamped = powers_at(profile, at, model.clamp)
     if model.plot:
         from eadp.io.figures.profile import write_profile_figure
@@ -142,16 +134,8 @@ def _powers(values: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _summary(profile: AnyProfile) -> str:
-    """The model as a table, one for each part, and their parameters if there are several."""
-    tables = [_part_summary(part) for part in profile.parts]
-    if len(tables) > 1:
-        tables.insert(0, f"{len(tables)} parts, measured apart, whose power is added: {', '.join(profile.names)}")
-    return "\n\n".join(tables)
-
-
-def _part_summary(part: Profile) -> str:
-    """A table: configuration, power, standard deviation and error, samples."""
+def _summary(part: Profile) -> str:
+    """The model as a table: configuration, power, standard deviation and error, samples."""
     from eadp.models.profile import titles
 
     heads = [*titles(part.names, part.units), "power [W]"]
@@ -170,5 +154,4 @@ def _part_summary(part: Profile) -> str:
     filled = [column for i, column in enumerate(columns) if i < len(heads) or any(column[1:])]
     title = f"{len(part.power_w)} configurations of {', '.join(part.names)}; {part.interpolation} between them"
     source = f"source: {printable(part.source, 1000)}"
-    device = [f"device: {printable(part.device, 64)}"] if part.device else []
-    return "\n".join([title, source, *device, *aligned([*zip(*filled, strict=True)])])
+    return "\n".join([title, source, *aligned([*zip(*filled, strict=True)])])

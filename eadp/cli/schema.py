@@ -12,7 +12,7 @@ from eadp.io.text.yaml import schema_of
 
 # the dataclass or model of each format, or a function of its schema; its module is imported only for it
 _FORMATS = {
-    "profile": "eadp.io.profile.model_file:json_schema",
+    "profile": "eadp.io.profile.model_file:ProfileFile",
     "energy": "eadp.io.energy:EnergyFile",
     "scenario": "eadp.io.scenario:json_schema",
     "vehicle": "eadp.io.vehicle:VehicleFile",
@@ -20,20 +20,7 @@ _FORMATS = {
     "sweep": "eadp.sweep.sweep_file:SweepKeys",
     "telemetry": "eadp.live.telemetry:TelemetryLine",
     "decision": "eadp.live.telemetry:DecisionLine",
-    "plan": "eadp.api.documents:PlanDocument",
-    "cover": "eadp.survey.documents:CoverDocument",
-    "sorties": "eadp.survey.documents:SortiesDocument",
-    "job": "eadp.survey.documents:JobDocument",
-    "summary": "eadp.api.documents:Summary",
-    "forecast": "eadp.api.documents:EnergyForecast",
-    "timings": "eadp.api.documents:Timings",
-    "files": "eadp.api.documents:FileList",
-    "battery": "eadp.measure.battery:BatteryDocument",
-    "performance": "eadp.api.vehicle:performance_schema",
-    "power": "eadp.io.profile.model_file:power_schema",
-    "faults": "eadp.io.text.yaml:faults_schema",
     "items": "eadp.exchange.writer:ItemsFile",
-    "decisions": "eadp.api.documents:decisions",
 }
 _NAMES = ", ".join(_FORMATS)
 

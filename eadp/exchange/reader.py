@@ -145,7 +145,7 @@ def read_qgc(source: SourceText) -> MissionDraft:
     if root.value.get("fileType") is None and {"items", "plannedHomePosition"} <= root.value.keys():
         raise root.error("a mission of QGroundControl 3.1 or older, which is not read", NEWER)
     if root.value.get("fileType") is None:
-        refuse_others(Text(source.name, source.body), "plan")
+        refuse_others(Text(source.name, source.body))
     root.expect("fileType", "Plan")
     root.expect("version", 1)
     mission = root.member("mission").is_(JsonObject)

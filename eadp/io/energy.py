@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import math
-from dataclasses import asdict, fields
-from itertools import zip_longest
+from dataclasses import fields
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_jsonable_python
 
-from eadp.errors import Fault, InputError, refuse
+from eadp.errors import InputError
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import STRICT, Document, read_yaml, validated, yaml_text
+from eadp.io.text.yaml import STRICT, read_yaml, validated, yaml_text
 from eadp.models.energy import Coefficients, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
-AGREEMENT = 1e-6
-"""Tolerance between the coefficients and the harmonics, relative to the largest: rounding."""
 
 _Watts = Annotated[float, Field(ge=-1e9, le=1e9)]
 _Deviation = Annotated[float, Field(ge=0, le=1e9)]
@@ -28,7 +23,7 @@ _Seconds = Annotated[float, Field(gt=0, le=1e9)]
 class EnergyFile(BaseModel):
     """Energy model: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample.
 
-    `periodic`, `order` and `coefficients` repeat what the other keys give: they may be left out, and must agree.
+    `periodic`, `order` and `coefficients` repeat what the other keys give, which are those that count.
     """
 
     model_config = ConfigDict(title=SCHEMA, use_attribute_docstrings=True, **STRICT)
@@ -105,36 +100,11 @@ def parse_energy(text: Text) -> EnergyModel:
     if content.period_s is None and content.harmonics:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
     model = EnergyModel(**{field.name: getattr(content, field.name) for field in fields(EnergyModel)})
-    refuse(_disagreements(document, content, model))
-    return model
-
-
-def _disagreements(document: Document, content: EnergyFile, model: EnergyModel) -> list[Fault]:
-    """Faults of keys that contradict the ones they repeat."""
-    faults = []
-    if content.periodic not in (None, model.periodic):
-        given, expected = json.dumps(content.periodic), f"{json.dumps(model.periodic)}, by period_s"
-        faults.append(document.fault(("periodic",), f"periodic is {given}", expected))
-    if content.order not in (None, model.order):
-        expected = f"{model.order}, the number of harmonics"
-        faults.append(document.fault(("order",), f"order is {content.order}", expected))
     if len(content.amplitude_std_w) not in (0, model.order):
         message = f"{len(content.amplitude_std_w)} standard deviations of amplitudes"
-        faults.append(document.fault(("amplitude_std_w",), message, f"{model.order}, the number of harmonics, or none"))
-    if content.coefficients is not None:
-        known = asdict(model.coefficients)
-        tolerance = AGREEMENT * max(map(abs, (*known["a"], *known["b"])), default=0.0)
-        for key, values in known.items():
-            if not _agree(getattr(content.coefficients, key), values, tolerance):
-                shown = json.dumps([float(f"{value:.6g}") for value in values])
-                message = f"{key} is not that of the harmonics"
-                faults.append(document.fault(("coefficients", key), message, f"{shown}, or no coefficients"))
-    return faults
-
-
-def _agree(given: tuple[float, ...], expected: tuple[float, ...], tolerance: float) -> bool:
-    pairs = zip_longest(given, expected, fillvalue=math.inf)
-    return all(abs(one - other) <= tolerance for one, other in pairs)
+        expected = f"{model.order}, the number of harmonics, or none"
+        raise InputError(document.fault(("amplitude_std_w",), message, expected))
+    return model
 
 
 def energy_document(model: EnergyModel) -> dict[str, Any]:

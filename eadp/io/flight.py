@@ -13,7 +13,7 @@ import numpy as np
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.io.scenario import Scenario, battery_keys
-from eadp.models.battery import LOSS, Battery
+from eadp.models.battery import LOSS
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import TRIGGER_DISTANCE
 from eadp.models.plan.trace import nominal_legs
@@ -39,13 +39,10 @@ def setting_text(scenario: Scenario) -> str:
 
 
 def _pack_text(scenario: Scenario) -> str:
-    """The capacity of a battery, and what is assumed of it by its cells and its age."""
+    """The capacity of a battery, and the resistance that is assumed of its cells."""
     battery, keys = scenario.keys.battery, battery_keys(scenario.document, scenario.keys.vehicle.battery)
-    age = [f"{keys[key]:g} {unit}" for key, unit in AGES.items() if keys.get(key)]
-    assumed = [f"{keys.get('capacity_ah', Battery().capacity_ah):g} Ah less {' and '.join(age)}"] if age else []
-    if "resistance_ohm" not in keys and (age or battery.cells is not None):
-        assumed.append(f"{1000 * battery.resistance_ohm:.3g} mΩ")
-    return f"{battery.capacity_ah:.4g} Ah" + (f" (assumed: {', '.join(assumed)})" if assumed else "")
+    assumed = "resistance_ohm" not in keys and battery.cells is not None
+    return f"{battery.capacity_ah:.4g} Ah" + (f" (assumed: {1000 * battery.resistance_ohm:.3g} mΩ)" if assumed else "")
 
 
 def counted_text(scenario: Scenario, plan: Plan, expected: Mapping[str, Any]) -> str:
@@ -64,10 +61,6 @@ def losses_text(scenario: Scenario) -> str:
     """The sudden losses of charge that a forecast before take-off counts."""
     rate = getattr(scenario.planner.own, "loss_rate_per_h", 0.0)
     return f"{rate:g} sudden losses of charge an hour, {100 * LOSS:.0f} % each" if rate else "no sudden loss of charge"
-
-
-AGES = {"cycles": "cycles", "age_years": "years"}
-"""Keys of a battery's age, and their units."""
 
 
 def reserve_text(summary: Mapping[str, Any]) -> str:
@@ -129,12 +122,11 @@ def value_of(values: Mapping[str, Any], key: str) -> str:
 
 def parameter_text(values: Mapping[str, Any]) -> str:
     """A parameter over a flight: its mean, its first and last value, and its changes."""
-    ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""
     first, last, changes = value_of(values, "first"), value_of(values, "last"), values["changes"]
     if not changes:
-        return f"{first}{ran}, no change"
+        return f"{first}, no change"
     changed = f"{changes} change{'s' if changes > 1 else ''}"
-    return f"mean {value_of(values, 'mean')}{ran}, first {first}, last {last}, {changed}"
+    return f"mean {value_of(values, 'mean')}, first {first}, last {last}, {changed}"
 
 
 PARTS = 100

@@ -22,7 +22,6 @@ from eadp.core.arrays import Altitude, Coordinate, Degrees, Duration, Latitude, 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, heading_rad, to_near_local_m
 from eadp.errors import Fault, InputError, one_of, printable, refuse
-from eadp.io.text.options import parse_named
 from eadp.io.text.streams import SourceText, Text, read_text
 from eadp.io.text.yaml import (
     STRICT,
@@ -48,7 +47,6 @@ from eadp.io.vehicle import (
 from eadp.io.vehicle import SCHEMA as VEHICLE_SCHEMA
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery, BatteryFault
-from eadp.models.computing import ComputationRate
 from eadp.models.plan.cursor import Rules
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box, Parameter
@@ -179,9 +177,6 @@ class ScenarioFile:
 
     bounds: Mapping[ParameterName, tuple[float, float]] = field(default_factory=dict)
     """Sets [low, high] by parameter, for a plan whose stages carry none."""
-
-    computations: Mapping[ParameterName, ComputationRate] = field(default_factory=dict)
-    """Actual rates of computations, by parameter; by default those that are commanded. Planners do not know them."""
 
     parameter_changes: Literal["latched", "live"] = "latched"
     """When a path parameter takes effect: latched, at the next lap, or live, at once."""
@@ -353,7 +348,7 @@ class Scenario:
 def by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
     """The mappings of a scenario whose keys are parameters, each with its path."""
     planner = value.get("planner") or {}
-    paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",), ("computations",)]
+    paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",)]
     paths += [("planner", key) for key in ("weights", "levels")]
     for name in PLANNERS:
         own = planner.get(name) or {}
@@ -426,7 +421,7 @@ def scenario_of(
         _put(document, "vehicle", overrides.pop("vehicle"))
     if path is not None:
         vehicle_text = _vehicle_text(document, path, text)
-        document.value["vehicle"] = parse_named(vehicle_text, _vehicle_keys, document.fault(("vehicle",), ""))
+        document.value["vehicle"] = _vehicle_keys(vehicle_text)
     for key, given in overrides.items():
         _put(document, key, copy.deepcopy(given))
     return _checked(document, vehicle_text)

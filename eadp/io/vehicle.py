@@ -14,7 +14,6 @@ from eadp.models.battery import Battery
 from eadp.models.data_sheet import DataSheet, estimate
 from eadp.models.doubts import aircraft_doubts
 from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing, airframe_class
-from eadp.models.weather import Wind
 
 SCHEMA = "eadp.vehicle/1"
 DEFAULT = next(iter(AIRFRAMES))
@@ -124,8 +123,7 @@ def _with_sheet(document: Document, vehicle: Any, at: Path) -> Any:
     if sheet.endurance_min is not None and sheet.pack_wh is None and not pack:
         message = "data_sheet.endurance_min without the pack that it is stated for"
         raise InputError(document.fault((*place, "endurance_min"), message, "pack_wh, or the battery of the vehicle"))
-    new = {key: value for key, value in pack.items() if key not in ("cycles", "age_years")}  # as it was stated for
-    battery = validated_at((*place[:-1], "battery"), Battery, document, new)
+    battery = validated_at((*place[:-1], "battery"), Battery, document, pack)
     base = validated_at((*place[:-1], "airframe"), FixedWing, document, given)
     try:
         sheet = sheet.with_power(battery)
@@ -141,7 +139,7 @@ def _with_sheet(document: Document, vehicle: Any, at: Path) -> Any:
 
 def vehicle_warnings(document: Document, vehicle: VehicleFile) -> list[Fault]:
     """Warnings about values of a vehicle's document that may mean something else."""
-    doubts = aircraft_doubts(vehicle.airframe, vehicle.battery, Wind())
+    doubts = aircraft_doubts(vehicle.airframe, vehicle.battery)
     return [
         replace(document.fault(tuple(key.removeprefix("vehicle.").split(".")), *what), severity="warning")
         for key, *what in doubts

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import trapezoid
 from scipy.optimize import minimize_scalar
-from typing_extensions import TypedDict
 
 from eadp.core.arrays import FloatArray
 from eadp.core.flight import interpolated
@@ -83,19 +82,6 @@ class BatteryOptions:
                 check_range(option, value, 0, largest)
 
 
-class BatteryDocument(TypedDict):
-    """`eadp.battery/1`: a scenario's battery, and what the fit knows of it."""
-
-    schema: Literal["eadp.battery/1"]
-    battery: dict[str, float]
-    std: dict[str, float | None]
-    rms_v: float
-    constant_rms_v: float
-    soc: list[float]
-    correlation_s: float
-    notes: list[str]
-
-
 @dataclass(frozen=True)
 class BatteryLogFit:
     """A fit with its options and the warnings of the log."""
@@ -147,7 +133,7 @@ class BatteryLogFit:
         return "\n".join([*lines, self.block])
 
     @property
-    def document(self) -> BatteryDocument:
+    def document(self) -> dict[str, Any]:
         """The JSON-ready document, `eadp.battery/1`."""
         fit = self.fit
         return {

@@ -14,8 +14,7 @@ from typing import IO, Protocol
 
 from eadp.core.signals import SampleMean, average
 from eadp.errors import CommandError, Fault, InputError, printable
-from eadp.io.profile.configurations import MeasurementSettings, MeasureOptions, configurations_to_measure
-from eadp.io.profile.measurements import Configuration
+from eadp.io.profile.measurements import Configuration, MeasurementSettings, MeasureOptions, configurations_to_measure
 from eadp.measure.power_sensor import Meter, Sensor, choose_sensor
 from eadp.models.profile import shortest, titles
 

@@ -22,7 +22,7 @@ from eadp.measure.noise import spikes
 from eadp.measure.power_log import Columns, PowerLog
 from eadp.measure.spectrum import MIN_PERIODS, Spectrum, analyse, vertex
 from eadp.models.energy import EnergyModel, Harmonic
-from eadp.models.profile import AnyProfile
+from eadp.models.profile import Profile
 from eadp.plug_ins import plug_in
 
 
@@ -382,7 +382,7 @@ def _kept(log: PowerLog, inside: IntArray) -> PowerLog:
     )
 
 
-def _computing_power_w(path: str, profile: AnyProfile, configurations: FloatArray) -> FloatArray:
+def _computing_power_w(path: str, profile: Profile, configurations: FloatArray) -> FloatArray:
     """The computations' power at each reading [W]."""
     different, which = np.unique(configurations, axis=0, return_inverse=True)
     try:

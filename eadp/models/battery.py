@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import InitVar, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
@@ -36,39 +36,12 @@ them: within 0.13 V of usual curves above a tenth of the charge. An empty cell's
 down at its end. Other packages offer curves of more points."""
 
 
-class Ageing(NamedTuple):
-    """What is assumed of cells whose resistance is not stated, and of their age.
-
-    Attributes
-    ----------
-    ohm_ah : float
-        Resistance of a cell times its capacity, wires and plugs among it [Ω Ah].
-    cycles : float
-        Full cycles that leave `CYCLED` of the capacity.
-    """
-
-    ohm_ah: float
-    cycles: float
-
-
-CYCLED, YEARLY, OHM_POWER = 0.8, 0.96, 3.0
-"""Share of the capacity that `Ageing.cycles` and a year leave; the resistance rises by the inverse of this power of it.
-
-Source: 80 % at twice the resistance (1.95 here) is the end of life of usual tests; a year at 25 °C and a charge of 40 %
-leaves 96 % (Battery University, BU-702), and at full charge 80 %: packs that are kept full age five times as fast.
-"""
-
-AGEING = {
-    "lipo": Ageing(0.04, 200),
-    "lihv": Ageing(0.04, 150),
-    "li-ion": Ageing(0.12, 400),
-    "lifepo4": Ageing(0.04, 2000),
-}
-"""By chemistry, that of others is lipo's. Within a factor of 1.5 each.
+CELL_OHM_AH = {"lipo": 0.04, "lihv": 0.04, "li-ion": 0.12, "lifepo4": 0.04}
+"""Resistance of a cell times its capacity, wires and plugs among it [Ω Ah], by chemistry; others have lipo's. Within a
+factor of 1.5 each.
 
 Source: packs of `eadp init` (35 to 45 mΩ Ah); direct-current resistances of data sheets of round cells (70 mΩ Ah of
-those for power, 150 of those for energy); 300 to 500 cycles of cells at 1 C (Battery University, BU-808), of which the
-three to five times the current in flight leave half.
+those for power, 150 of those for energy).
 """
 
 Voltage = Annotated[float, Gt(0), Le(1e3)]
@@ -114,17 +87,17 @@ class Battery:
     """A Rint battery, drained by the power it delivers, or a replayed state of charge.
 
     With `cells`, the open-circuit voltages are those of so many cells of the chemistry; a resistance that is not given
-    is theirs, too. `cycles` and `age_years` lessen the capacity that is given, and raise that resistance.
+    is theirs, too.
     """
 
     voltage_v: Voltage = 14.8
     """Open-circuit voltage at full charge; at every charge if `voltage_empty_v` is not given [V]."""
 
     resistance_ohm: Resistance = UNSTATED
-    """Inner resistance, as it is now [Ω]; by default 0.05, and of `cells` that of their chemistry, capacity and age."""
+    """Inner resistance, as it is now [Ω]; by default 0.05, and of `cells` that of their chemistry and capacity."""
 
     capacity_ah: Capacity = 3.2
-    """Charge of the full battery [Ah]; with `cycles` or `age_years`, when it was new."""
+    """Charge of the full battery [Ah]."""
 
     k_b_per_s: Annotated[float, Ge(1e-9), Le(1e3)] = 1 / 3600
     """The letter's battery constant: the charge falls by k_b I / Q_c in a second [1/s]. An ideal battery has 1/3600."""
@@ -155,24 +128,15 @@ class Battery:
     cells: Annotated[int, Ge(1), Le(1000)] | None = None
     """Number of cells in series: it gives `voltage_v` and `voltage_empty_v`, instead of them."""
 
-    cycles: InitVar[Annotated[float, Ge(0), Le(1e4)]] = 0.0
-    """Full cycles that the battery has served: what they leave is assumed by its chemistry."""
-
-    age_years: InitVar[Annotated[float, Ge(0), Le(30)]] = 0.0
-    """Age of the battery, stored at a charge of 40 to 60 % [years]; 4 % of the capacity a year."""
-
-    def __post_init__(self, cycles: float, age_years: float) -> None:
-        ageing = AGEING.get(self.chemistry or "lipo", AGEING["lipo"])
-        left = CYCLED ** (cycles / ageing.cycles) * YEARLY**age_years
+    def __post_init__(self) -> None:
         ohm = 0.05
         if self.cells is not None:
             volts = cell_v(self.chemistry or "lipo") or CELL_V["lipo"]  # `faults` has a chemistry that is unknown
             object.__setattr__(self, "voltage_v", self.cells * volts[-1])
             object.__setattr__(self, "voltage_empty_v", self.cells * volts[0])
-            ohm = self.cells * ageing.ohm_ah / self.capacity_ah
+            ohm = self.cells * CELL_OHM_AH.get(self.chemistry or "lipo", CELL_OHM_AH["lipo"]) / self.capacity_ah
         if self.resistance_ohm is UNSTATED:
-            object.__setattr__(self, "resistance_ohm", ohm / left**OHM_POWER)
-        object.__setattr__(self, "capacity_ah", self.capacity_ah * left)
+            object.__setattr__(self, "resistance_ohm", ohm)
 
     def faults(self) -> list[tuple[str, str]]:
         """Settings that contradict each other: the key, and what is wrong."""

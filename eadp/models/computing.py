@@ -2,41 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
-
-from annotated_types import Ge, Gt, Le
 
 from eadp.errors import EadpError, Infeasible
-from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
-from eadp.models.profile import AnyProfile
+from eadp.models.profile import Profile
 
 KEPT_POWERS = 1000
 """Powers kept: a flight asks for the same ones at each stage."""
-
-
-@dataclass(frozen=True, slots=True)
-class ComputationRate:
-    """The actual rate of a computation against the commanded one: min(`rate_ratio` · c, `max_rate`).
-
-    Source: draft 002, Sec. II-C and Eq. 9: the task ψ, whose actual value may differ from the desired one.
-    """
-
-    rate_ratio: Annotated[float, Gt(0), Le(100)] = 1.0
-    """Actual rate as a share of the commanded one."""
-
-    max_rate: Annotated[float, Ge(0), Le(1e30)] | None = None
-    """Highest rate that the computer reaches [the parameter's unit]; by default any."""
-
-    def actual(self, commanded: float) -> float:
-        """The rate at which the computation runs [the parameter's unit]."""
-        # ψ(s) = min(ratio · s, s_max)
-        rate = self.rate_ratio * commanded
-        return rate if self.max_rate is None else min(rate, self.max_rate)
 
 
 @dataclass(frozen=True)
@@ -44,13 +20,12 @@ class Computing:
     """Power of the computations at the parameters of a plan.
 
     `profile` may be None where no computation can run. `order` gives, for each column of the profile, which of the
-    plan's computations it is. Of a sum, a part draws no power while none of its computations may run; within a part,
-    a computation that may not run is at 0, which must have been measured. `load_w` is a constant load [W], of
-    computations that the plan does not decide.
+    plan's computations it is. Where some may run, one that may not is at 0, which must have been measured. `load_w` is
+    a constant load [W], of computations that the plan does not decide.
     """
 
     path_count: int
-    profile: AnyProfile | None
+    profile: Profile | None
     order: tuple[int, ...] = ()
     load_w: float = 0.0
 
@@ -79,18 +54,10 @@ class Computing:
         values = parameters[self.path_count :]
         if not values or self.profile is None or all(box.inhibited for box in sets[self.path_count :]):
             return self.load_w
-        total_w, column = self.load_w, 0
-        for part in self.profile.parts:
-            chosen = self.order[column : column + len(part.names)]
-            column += len(part.names)
-            if not all(sets[self.path_count + i].inhibited for i in chosen):
-                total_w += part.power_w_at([values[i] for i in chosen])
-        return total_w
+        return self.load_w + self.profile.power_w_at([values[i] for i in self.order])
 
-    def extreme(
-        self, plan: Plan, end: str, actual: Callable[[Vector], Vector] = tuple
-    ) -> tuple[float, dict[str, float]]:
-        """Power [W] and actual values by name of the computations at an end of their sets, `lo` or `hi`.
+    def extreme(self, plan: Plan, end: str) -> tuple[float, dict[str, float]]:
+        """Power [W] and values by name of the computations at an end of their sets, `lo` or `hi`.
 
         Of stages with different sets, the one with the least power at `lo`, or the largest at `hi`; not of those on
         which no computation may run, unless that is all of them.
@@ -99,7 +66,7 @@ class Computing:
         running = [stage.sets for stage in plan.stages if not all(box.inhibited for box in stage.sets[rho:])]
         found = []
         for sets in dict.fromkeys(running or [plan.stages[0].sets]):
-            values = actual(tuple(float(getattr(box, end)) for box in sets))
+            values = tuple(float(getattr(box, end)) for box in sets)
             found.append((self.power_w(values, sets), dict(zip(plan.names[rho:], values[rho:], strict=True))))
         return (min if end == "lo" else max)(found, key=lambda one: one[0])
 
@@ -115,7 +82,7 @@ def may_compute(plan: Plan) -> bool:
     return any(not box.inhibited for stage in plan.stages for box in stage.sets[plan.path_count :])
 
 
-def load_configuration(profile: AnyProfile, load_at: Mapping[str, float]) -> tuple[float, ...]:
+def load_configuration(profile: Profile, load_at: Mapping[str, float]) -> tuple[float, ...]:
     """Configuration of a constant load: each value as stated by name, else the highest; the nearest inside.
 
     Raises
@@ -132,7 +99,7 @@ def load_configuration(profile: AnyProfile, load_at: Mapping[str, float]) -> tup
     return profile.nearest([load_at.get(name, profile.range_of(name)[1]) for name in profile.names])
 
 
-def join_profile(plan: Plan, profile: AnyProfile | None, load_at: Mapping[str, float] | None = None) -> Computing:
+def join_profile(plan: Plan, profile: Profile | None, load_at: Mapping[str, float] | None = None) -> Computing:
     """Join a plan and a profile by the names of the computations, or in order if the plan has no names.
 
     Beside a plan without computations that may run, the profile is a constant load, at `load_at` by name.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -135,8 +135,6 @@ class PaperVehicle:
         return []
 
 
-TABLE_SPEEDS, TABLE_BANKS = 200, 33
-"""Size of the table of an airframe's own formulas: a drag polar is met within 3e-5."""
 STALL_MARGIN = 1.3
 """Least airspeed over the stall's: that of approaches, which gusts and errors of the airspeed leave flying.
 
@@ -200,42 +198,9 @@ class _Aeroplane:
         # P = D V / η
         return self.drag_n(airspeed_mps, bank_rad) * airspeed_mps / self.propulsive_efficiency + self.avionics_w
 
-    @cached_property
-    def own_formulas(self) -> bool:
-        """Whether drag or power of level flight are those of another package's class, which are then sampled."""
-        return any(getattr(type(self), name).__module__ != __name__ for name in ("drag_n", "level_power_w"))
-
-    @cache  # noqa: B019 (of the few airframes of a process)
-    def drag_table(self, min_mps: float) -> tuple[list[float], list[float], list[float]]:
-        """The own formulas as a table: airspeeds [m/s] from a least one on, tan² of banks, and drags [N] bank by bank.
-
-        Raises
-        ------
-        EadpError
-            Where there is no power, or no more than the avionics'.
-        """
-        top_mps = 1.5 * max(self.airspeed_mps, self.level_speeds_mps()[1])
-        speeds = np.geomspace(min_mps, top_mps, TABLE_SPEEDS).tolist()
-        squares = np.linspace(0.0, math.tan(math.radians(self.max_bank_deg)) ** 2, TABLE_BANKS).tolist()
-        drags = []
-        for bank in map(math.atan, map(math.sqrt, squares)):
-            for speed in speeds:
-                # D = (P − P_avionics) η / V
-                watts = self.level_power_w(speed, bank)
-                drags.append((watts - self.avionics_w) * self.propulsive_efficiency / speed)
-                if not 0 < drags[-1] < math.inf:
-                    at = f"at {speed:.3g} m/s and a bank of {math.degrees(bank):.3g}°"
-                    raise EadpError(
-                        f"airframe {self.model} has {watts:g} W of level flight {at}, a drag of {drags[-1]:g} N"
-                    )
-        return speeds, squares, drags
-
     def power_terms(self, airspeed_mps: float) -> PowerTerms:
         """The power at another airspeed, by that at the own one: the curve of straight flight scaled, and b v₀/v."""
         level, turn = self.level_power_w(airspeed_mps) / self.cruise_power_w, self.airspeed_mps / airspeed_mps
-        if self.own_formulas:  # what a bank of 45° adds there, by what it adds at the own airspeed
-            added_w = self.level_power_w(self.airspeed_mps, math.pi / 4) - self.cruise_power_w
-            turn = (self.level_power_w(airspeed_mps, math.pi / 4) - level * self.cruise_power_w) / (added_w or math.inf)
         return PowerTerms(level, 0.0, turn)
 
     def slowest_mps(self, bank_rad: float) -> float:
@@ -348,10 +313,6 @@ class FixedWing(_Aeroplane):
 
     def level_speeds_mps(self) -> tuple[float, float]:
         """Least and greatest airspeed of level flight [m/s]: the stall's, and where the motor's power is all needed."""
-        if self.own_formulas:
-            speeds = np.geomspace(self.stall_mps, 10 * self.stall_mps, 1000).tolist()
-            able = [speed for speed in speeds if self.level_power_w(speed) <= self.max_motion_w]
-            return self.stall_mps, max([self.stall_mps, *able])
         # P_max η = ½ρS C_D0 V³ + 2K W²/(ρS V); above the speed of least drag it rises
         density_area = 0.5 * self.air_density_kgpm3 * self.wing_area_m2
         parasitic = density_area * self.zero_lift_drag_coefficient
@@ -372,8 +333,6 @@ class FixedWing(_Aeroplane):
 
         Source: drag polar, P = A v³ + B (1 + tan² φ)/v + P_av, with b = B/v₀ and a = A v₀³ + b + P_av.
         """
-        if self.own_formulas:
-            return super().power_terms(airspeed_mps)
         ratio = airspeed_mps / self.airspeed_mps
         cube = ratio**3
         return PowerTerms(cube, 1 / ratio - cube, 1 / ratio, self.avionics_w * (1 - cube))
@@ -385,8 +344,6 @@ class FixedWing(_Aeroplane):
     @property
     def glide_mps(self) -> float:
         """Airspeed of least drag [m/s]: where C_L² = C_D0/K, or the stall's above it. Source: Anderson 1999."""
-        if self.own_formulas:
-            return float(min(np.geomspace(*self.level_speeds_mps(), 1000), key=self.drag_n))
         lift = math.sqrt(self.zero_lift_drag_coefficient / self.induced_drag)
         return math.sqrt(
             2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * min(lift, self.max_lift_coefficient))
@@ -477,8 +434,11 @@ AIRFRAMES: dict[str, type[Airframe]] = {airframe.model: airframe for airframe in
 """Every airframe model by its name: the first is the default."""
 
 
-NOT_ASKED = ("climb_j_per_m", "climb_rates_mps", "cruise_power_w", "max_motion_w", "turn_radius_m")
-"""What forecasts ask of an aeroplane, and the simulated aircraft has of forces and keys: nowhere another's."""
+NOT_ASKED = (
+    *("drag_n", "level_power_w", "power_terms", "level_speeds_mps", "climb_j_per_m", "climb_rates_mps"),
+    *("cruise_power_w", "max_motion_w", "turn_radius_m"),
+)
+"""What forecasts ask of an aeroplane, and the simulated aircraft has of its keys: nowhere another's."""
 
 
 def airframe_class(model: str) -> type[Airframe] | None:
@@ -496,9 +456,10 @@ def airframe_class(model: str) -> type[Airframe] | None:
         return None
     if not (isinstance(kind, type) and issubclass(kind, FixedWing | PowerCurve)):
         raise EadpError(f"airframe {model} inherits from neither FixedWing nor PowerCurve, whose motion is simulated")
-    if unasked := [name for name in NOT_ASKED if getattr(kind, name) is not getattr(_Aeroplane, name)]:
+    own: type[Aeroplane] = FixedWing if issubclass(kind, FixedWing) else PowerCurve
+    if unasked := [name for name in NOT_ASKED if getattr(kind, name) is not getattr(own, name)]:
         has = f"airframe {model} has {', '.join(unasked)} of its own"
-        raise EadpError(f"{has}, which a simulated flight does not ask; it asks drag_n, level_power_w and the keys")
+        raise EadpError(f"{has}, which a simulated flight does not ask; it asks induced_drag, the keys and points")
     return kind
 
 

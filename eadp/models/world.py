@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
 from eadp.models.airspace import WayHome
 from eadp.models.battery import Battery, BatteryFault
-from eadp.models.computing import ComputationRate, Computing
+from eadp.models.computing import Computing
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Stage
@@ -60,21 +59,12 @@ class World:
     clock: Timing
     seed: int = 0
     sensors: Sensors = field(default_factory=Sensors)
-    rates: Mapping[str, ComputationRate] = field(default_factory=dict)
-    """Computations, by parameter, that run at another rate than commanded."""
     way_home: WayHome | None = None
     """Where the aircraft flies when the planner gives the plan up, and how."""
 
-    def actual(self, parameters: Vector) -> Vector:
-        """Parameters with the rates at which the computations run in place of the commanded ones."""
-        if not self.rates:
-            return parameters
-        named = zip(self.plan.names, parameters, strict=True)
-        return tuple([self.rates[name].actual(value) if name in self.rates else value for name, value in named])
-
     def computing_w(self, parameters: Vector, stage: Stage) -> float:
-        """Power of the computations [W] at the rates at which they run; raises Infeasible as `Computing.power_w`."""
-        return self.computing.power_w(self.actual(parameters), stage.sets)
+        """Power of the computations [W]; raises Infeasible as `Computing.power_w`."""
+        return self.computing.power_w(parameters, stage.sets)
 
 
 class Step(NamedTuple):

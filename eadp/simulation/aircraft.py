@@ -20,7 +20,7 @@ from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.pieces import piece_stages
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
-from eadp.models.vehicle import Aeroplane, Airframe, FixedWing, Guidance, PaperVehicle, PowerCurve
+from eadp.models.vehicle import Airframe, FixedWing, Guidance, PaperVehicle, PowerCurve
 from eadp.models.weather import Wind
 
 State = MutableSequence[float]
@@ -39,11 +39,10 @@ MODEL, STEP_S, K_D, CORRECTED, NORMALISED, GAIN_PER_M, STEADY_X, STEADY_Y, GUSTS
 MASS, WEIGHT, CRUISE_M, HEIGHT_GAIN, SPEED_HELD = range(11, 16)
 LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(16, 23)
 PARASITIC, INDUCED, MIN_SPEED, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
-POINTS, BANKS, TAN_SQUARE = 26, 27, 28
-AIRCRAFT_CONSTANTS = 29
+POINTS = 26
+AIRCRAFT_CONSTANTS = 27
 """Constants of every vehicle, and from 16 on those of the papers' aircraft, or in their place those of an aeroplane.
-After all constants of a flight come the `POINTS` airspeeds of a table of drags [m/s], and the drag at each [N], in
-straight flight and at `BANKS` − 1 banks, from each to the next of which tan² of the bank grows by `TAN_SQUARE`."""
+After all constants of a flight come the `POINTS` airspeeds of a power curve [m/s], and the drag at each [N]."""
 
 PAPER_MODEL, AEROPLANE_MODEL = 0.0, 1.0
 
@@ -73,8 +72,6 @@ def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: flo
     c[SPEED_HELD] = airframe.airspeed_mps
     set_constants = next(function for kind, function in _OWN_CONSTANTS.items() if isinstance(airframe, kind))
     set_constants(c, airframe, step_s)
-    if not isinstance(airframe, PaperVehicle) and airframe.own_formulas:
-        _set_sampled_constants(c, airframe)
     return c
 
 
@@ -104,17 +101,9 @@ def _set_fixed_wing_constants(c: State, airframe: FixedWing, step_s: float) -> N
 def _set_power_curve_constants(c: list[float], airframe: PowerCurve, step_s: float) -> None:
     """Set the constants of an aeroplane with a power curve, and append its points: airspeeds, then drags."""
     _set_aeroplane_constants(c, airframe, step_s, 0.0, airframe.turn_drag_n, 0.5 * airframe.points[0][0])
-    c[POINTS : BANKS + 1] = [len(airframe.points), 1]
+    c[POINTS] = len(airframe.points)
     c += [speed for speed, _ in airframe.points]
     c += airframe.drags_n
-
-
-def _set_sampled_constants(c: list[float], airframe: Aeroplane) -> None:
-    """Set a table of drags in place of the drag's own constants, see `drag_table`."""
-    speeds, squares, drags = airframe.drag_table(c[MIN_SPEED])
-    c[PARASITIC : INDUCED + 1] = [0.0, 0.0]
-    c[POINTS : TAN_SQUARE + 1] = [len(speeds), len(squares), squares[1]]
-    c[AIRCRAFT_CONSTANTS:] = [*speeds, *drags]
 
 
 def _set_aeroplane_constants(
@@ -235,13 +224,7 @@ def _aeroplane_step(s: State, c: Constants, jet: Jet, gain: float, sense: float,
         drag = c[PARASITIC] * square + c[INDUCED] / (level * level * square)
     else:
         # a power curve is of level flight; what a turn adds is induced, by tan² φ = 1/cos² φ − 1
-        tan_square = 1 / (level * level) - 1
-        drag = _curve_drag_n(c, speed, 0) + c[INDUCED] * tan_square / square
-        if c[BANKS] > 1.0:
-            place = tan_square / c[TAN_SQUARE]
-            row = min(int(place), int(c[BANKS]) - 2)
-            low = _curve_drag_n(c, speed, row)
-            drag = low + (_curve_drag_n(c, speed, row + 1) - low) * (place - row)
+        drag = _curve_drag_n(c, speed) + c[INDUCED] * (1 / (level * level) - 1) / square
     sink = drag * speed / weight  # without thrust
     if climb < -sink:
         climb = -sink
@@ -273,11 +256,11 @@ def _aeroplane_step(s: State, c: Constants, jet: Jet, gain: float, sense: float,
     return motor_w + c[AVIONICS_W]
 
 
-def _curve_drag_n(c: Constants, speed: float, row: int) -> float:
-    """Drag of a row of the table in level flight [N]: linear between its points, constant beyond."""
-    # the last of the constants: `count` airspeeds, ascending, then a row of the drags at them for each bank
-    count, rows = int(c[POINTS]), int(c[BANKS])
-    speeds, drags = len(c) - count * (rows + 1), len(c) - count * (rows - row)
+def _curve_drag_n(c: Constants, speed: float) -> float:
+    """Drag of a power curve in level flight [N]: linear between its points, constant beyond."""
+    # the last of the constants: `count` airspeeds, ascending, then the drags at them
+    count = int(c[POINTS])
+    speeds, drags = len(c) - 2 * count, len(c) - count
     if speed <= c[speeds]:
         return c[drags]
     i, after = 0, count

@@ -102,7 +102,7 @@ class _Flight:
         self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
         self._losses = _Losses(world, self._bridge.late)
         computing_w = world.computing_w(executor.parameters, executor.stage)
-        self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)
+        self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, computing_w)
         outcome.parameters = self._log
         self._inner_loop.start_stage(executor, computing_w)
         self._parameters = executor.parameters  # in force

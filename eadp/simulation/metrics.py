@@ -36,8 +36,8 @@ class ParameterRecord:
     ----------
     first, last : float
         First and last value.
-    integral, actual_integral : float
-        Time integrals of its values as commanded, and of the rates that a computation ran at.
+    integral : float
+        Time integral of its values.
     changes : int
     history : list of (float, float)
         Time [s] and value of each change.
@@ -46,7 +46,6 @@ class ParameterRecord:
     first: float
     last: float
     integral: float = 0.0
-    actual_integral: float = 0.0
     changes: int = 0
     history: list[tuple[float, float]] = field(default_factory=list)
 
@@ -57,13 +56,12 @@ class _Event(NamedTuple):
     time_s: float
     cursor: PlanCursor
     joined_m: Point | None
-    actual: Vector
 
 
 class ParameterLog:
     """Parameters over time: means, changes, the quality U by ground, and the energy of computations.
 
-    Updated at new stages and changes only. `actual` gives the rates at which the computations run.
+    Updated at new stages and changes only.
 
     Parameters
     ----------
@@ -72,8 +70,6 @@ class ParameterLog:
         The first stage, and the parameters in force on it.
     joined_m : (float, float)
         Where it is joined [m].
-    actual : function, optional
-        Parameters as they are, from those commanded.
     computing_w : float
         Power of the computations [W].
     """
@@ -83,10 +79,9 @@ class ParameterLog:
         plan: Plan,
         cursor: PlanCursor,
         joined_m: Point,
-        actual: Callable[[Vector], Vector] = tuple,
         computing_w: float = 0.0,
     ) -> None:
-        self._plan, self._actual = plan, actual
+        self._plan = plan
         self.computing_j = 0.0
         self._since_s = 0.0  # the time up to which integrals are [s]; from there on these are in force:
         self._computing_w = computing_w
@@ -95,7 +90,7 @@ class ParameterLog:
         # of each parameter: time integral of c̃, its share of its set, and the time in which it had a choice [s]
         self._share_integral = [0.0] * len(self._values)
         self._share_time_s = [0.0] * len(self._values)
-        self._events = [_Event(0.0, cursor, joined_m, actual(cursor.parameters))]  # of which U is computed
+        self._events = [_Event(0.0, cursor, joined_m)]  # of which U is computed
         self._ended_s: float | None = None  # when the plan was completed or given up
         self._short_of: tuple[Point, float] | None = None  # as given to `close`
 
@@ -104,7 +99,7 @@ class ParameterLog:
     ) -> None:
         """Record a new stage, joined at `joined_m` [m], or new parameters, from a time on [s]."""
         self._set(time_s, cursor.parameters, self._plan.quality_sets[cursor.stage.index - 1], computing_w)
-        self._events.append(_Event(time_s, cursor, joined_m, self._actual(cursor.parameters)))
+        self._events.append(_Event(time_s, cursor, joined_m))
 
     def give_up(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float) -> None:
         """Record that the plan is given up at a time [s], for other parameters and sets; or that these change."""
@@ -132,10 +127,9 @@ class ParameterLog:
         duration = time_s - self._since_s
         self._since_s = time_s
         self.computing_j += self._computing_w * duration
-        for i, (value, actual) in enumerate(zip(self._values, self._actual(self._values), strict=True)):
+        for i, value in enumerate(self._values):
             self.records[i].integral += value * duration
-            self.records[i].actual_integral += actual * duration
-            share = self._sets[i].share(actual) if self._sets else None
+            share = self._sets[i].share(value) if self._sets else None
             if share is not None:
                 self._share_integral[i] += share * duration
                 self._share_time_s[i] += duration
@@ -152,11 +146,6 @@ class ParameterLog:
         record = self.records[index]
         return record.integral / self._since_s if self._since_s > 0 else record.first
 
-    def actual_mean(self, index: int) -> float:
-        """Time average of the rate at which a computation ran."""
-        record = self.records[index]
-        return record.actual_integral / self._since_s if self._since_s > 0 else self._actual(self._values)[index]
-
     def mean_share(self, index: int) -> float | None:
         """Time average of c̃, the share of its set that a parameter has; None if that never had more than one value."""
         time_s = self._share_time_s[index]
@@ -169,11 +158,11 @@ class ParameterLog:
         """
         # the ground flown, by the events once more; `joined` and `since_s`: where and when the last stage was joined
         ground, predictor = GroundLog(self._plan, weights), RoutePredictor()
-        for time_s, cursor, joined_m, parameters in self._events:
+        for time_s, cursor, joined_m in self._events:
             if joined_m is not None:  # never None for the first
                 joined, since_s = joined_m, time_s
                 ground.start_leg(time_s, cursor, predictor.length_m(cursor, joined_m))
-            ground.hold(time_s, cursor, parameters)
+            ground.hold(time_s, cursor, cursor.parameters)
         ended_s = self._since_s if self._ended_s is None else self._ended_s
         flown = ground.until(ended_s)
         # the ground left, of the legs from the last stage on, by the times left on them: 0 where the plan is completed

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
 from os.path import exists
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 from annotated_types import Ge, Gt, Le
 
@@ -19,10 +19,6 @@ from eadp.io.text.yaml import STRICT, keys_document, validated, without_nulls
 from eadp.models.doubts import Doubt
 from eadp.models.plan.plan import SurveyCamera
 from eadp.survey.features import NAME_LIMIT
-
-if TYPE_CHECKING:
-    from eadp.survey.documents import PicturesKeys
-
 
 MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
 """Sensors have from 2 mm (of thermal cameras) to 100 mm, lenses from 1.5 mm to 800 mm: metres are refused [mm]."""
@@ -326,7 +322,7 @@ class Pictures(NamedTuple):
             yield Doubt("--forward-overlap", message, f"{whose}: less overlap, a slower flight, or more altitude")
 
 
-def pictures_document(pictures: Pictures | None) -> PicturesKeys:
+def pictures_document(pictures: Pictures | None) -> dict[str, Any]:
     """The values of `eadp.cover/1` and `eadp.sorties/1`; None of each where there is no camera."""
     if pictures is None:
         return {"forward_overlap": None, "pictures": None, "gsd_cm": None, "camera": None}

@@ -39,7 +39,7 @@ from eadp.models.plan.pieces import (
 from eadp.models.plan.plan import MadeFor, Plan, Site
 from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box
 from eadp.models.plan.trace import nominal_legs
-from eadp.models.profile import AnyProfile
+from eadp.models.profile import Profile
 from eadp.models.vehicle import Airframe, PaperVehicle
 from eadp.survey.camera import MAX_ALTITUDE_M, Pictures, option_fault
 from eadp.survey.coverage import PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
@@ -106,7 +106,7 @@ class CoverageTask:
     motion: MotionLimits
     vehicle: str
     airframe: Airframe
-    profile: AnyProfile | None = None
+    profile: Profile | None = None
     pack: Pack | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
@@ -118,7 +118,7 @@ class CoverageTask:
         vehicle: str,
         airframe: Airframe,
         wind_mps: Point,
-        profile: AnyProfile | None = None,
+        profile: Profile | None = None,
         pack: Pack | None = None,
         autopilot: Autopilot | None = None,
     ) -> CoverageTask:
@@ -454,7 +454,7 @@ def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
     return replace(field, airspace=airspace), [f"{printable(note.file)}: {note.message}" for note in notes]
 
 
-def _computations(profile: AnyProfile | None, off_on_turns: bool) -> FieldComputations:
+def _computations(profile: Profile | None, off_on_turns: bool) -> FieldComputations:
     """The computations of a profile, over the range that it measures, in whole numbers if it has any."""
     if profile is None:
         return FieldComputations()
@@ -496,7 +496,7 @@ def held_at(plan: Plan, path: Literal["lo", "hi"], computations: Literal["lo", "
 def cover(
     field: File,
     options: CoverageOptions,
-    profile: File | AnyProfile | None = None,
+    profile: File | Profile | None = None,
     scenario: File | None = None,
     *,
     vehicle: File | None = None,
@@ -568,7 +568,7 @@ def picture_warnings(pictures: Pictures | None) -> list[Fault]:
 def coverage_task(
     field: str,
     options: CoverageOptions,
-    profile: File | AnyProfile | None,
+    profile: File | Profile | None,
     scenario: File | None,
     vehicle: File | None,
     warn: Warn,

@@ -19,7 +19,6 @@ from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
-from eadp.survey.documents import FlownRow, JobDocument
 from eadp.survey.figures import write_sorties_figure
 from eadp.survey.report import MIN_SHARE, LeftGround, left_text
 from eadp.survey.resume import MIN_PART_SHARE, SLIVER_SHARE
@@ -30,6 +29,9 @@ SORTIES_SCENARIO: str = "scenario.yaml"
 """Files of a folder of sorties: what was planned, and the scenario that flies it."""
 
 FIGURE = "sorties"
+
+FLOWN = ("completed", "reason", "duration_s", "energy_wh", "distance_m", "soc_final", "reserve_kept", "quality")
+"""What a job says of each of its flights, as its summary does."""
 
 
 def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None:
@@ -122,7 +124,7 @@ class JobFlight:
         By their names, in the order of take-off.
     """
 
-    summary: JobDocument
+    summary: dict[str, Any]
     flights: dict[str, Flight]
     left: Sequence[LeftGround] = ()
     """The places that were planned and are not covered."""
@@ -192,7 +194,7 @@ def simulate_sorties(
     folder, texts = str(folder), override_texts(overrides)
     job, scenario, given = read_sorties(folder), str(Path(folder) / SORTIES_SCENARIO), {**read_overrides(texts)}
     files, flights, warned, at_s = Files(), dict[str, Flight](), set[str](), 0.0
-    rows: list[FlownRow] = []
+    rows: list[dict[str, Any]] = []
     lines, planned = list[Sequence[Point]](), list[Sequence[Point]]()
     replans, solver = 0, Counter(calls=0, failed=0, fallbacks=0)
     for number, (name, plan) in enumerate(job.plans.items(), seed):
@@ -202,9 +204,7 @@ def simulate_sorties(
         on_flight(name)
         flight = fly_flight(inputs, inputs.preflight(), overrides=[*texts, f"seed={number}"])
         flights[name], summary = flight, flight.summary
-        figures: Any = {key: summary.get(key) for key in FlownRow.__annotations__}
-        figures |= {"sortie": name, "take_off_s": at_s}
-        rows.append(figures)
+        rows.append({"sortie": name, "take_off_s": at_s, **{key: summary[key] for key in FLOWN}})
         replans += summary["replans"]
         found: Mapping[str, Any] = summary["solver"]
         solver.update({key: found[key] for key in solver})
@@ -217,7 +217,7 @@ def simulate_sorties(
     left = sorted((each for each in left if each.area_m2 >= MIN_SHARE * field_m2), key=lambda each: -each.area_m2)
     completed = sum(each.area_m2 for each in left) < MIN_PART_SHARE * field_m2
     qualities = [row["quality"] for row in rows if row["quality"] is not None]
-    job_summary: JobDocument = {
+    job_summary: dict[str, Any] = {
         "schema": "eadp.job/1",
         "completed": completed,
         "reason": "all that was planned is covered" if completed else "ground is left; eadp cover --resume plans it",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,10 +19,6 @@ from eadp.survey.coverage import AUTO, DUBINS, ZAMBONI
 from eadp.survey.heights import FinalApproach, Ground, HeightLimits, HeightProfile, low_approach
 from eadp.survey.swaths import MotionLimits
 from eadp.survey.terrain import ElevationModel, read_terrain
-
-if TYPE_CHECKING:
-    from eadp.survey.documents import TerrainKeys
-
 
 TOLERANCE_SHARE = 0.1
 """Default of --height-tolerance over --altitude: pixels on the ground are up to so much larger."""
@@ -160,7 +156,7 @@ class HeightReport(NamedTuple):
         """Altitude at which every straight way home is clear of ground and obstacles [m]."""
         return max(each.home_altitude_m for each in self.flights)
 
-    def document(self) -> TerrainKeys:
+    def document(self) -> dict[str, Any]:
         """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
         ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
         line_m, elsewhere_m = ground.limits.line_m, [each.profile.elsewhere_m for each in self.flights]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 from eadp.core.expressions.tree import number_text
 from eadp.core.geometry.curves import Point
@@ -36,10 +36,6 @@ from eadp.survey.ground import (
     Heights,
 )
 from eadp.survey.swaths import CoveragePath, MotionLimits
-
-if TYPE_CHECKING:
-    from eadp.survey.documents import CoverDocument, LeftKeys, PathKeys, SlowerKeys
-
 
 FIXED_SPACING = "fixed: a planner cannot save lines in flight, as it can with --pattern zamboni"
 FULL = 0.9999
@@ -174,11 +170,11 @@ class CoverageReport:
         swath = f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or more"
         return [f"{swath}; lines {self._heading_text} deg.", *lines]
 
-    def document(self, normalised: Sequence[str], plan: str) -> PathKeys:
+    def document(self, normalised: Sequence[str], plan: str) -> dict[str, Any]:
         """The values of `eadp.cover/1`, with the repairs made to the field and the plan's text."""
         full, least, solution = self.full, self.least, self.solution
         min_radius_m = round(min(full.min_radius_m, least.min_radius_m), 6)
-        document: PathKeys = {
+        document: dict[str, Any] = {
             "schema": "eadp.cover/1",
             "pattern": solution.pattern,
             "heading_deg": rounded_deg(solution.heading_rad, 9),
@@ -271,7 +267,7 @@ class LeftGround(NamedTuple):
     area_m2: float
     place_m: Point
 
-    def document(self, origin_deg: Point | None) -> LeftKeys:
+    def document(self, origin_deg: Point | None) -> dict[str, Any]:
         """Its values, with latitude and longitude where the field has an origin."""
         at_deg = None if origin_deg is None else [round(each, 7) for each in to_geodetic_deg(*self.place_m, origin_deg)]
         return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg}
@@ -349,7 +345,7 @@ class CoveragePlan:
     slower: Preflight | None = None
 
     @property
-    def document(self) -> CoverDocument:
+    def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
         return {
             **self.report.document(self.repairs, self.text),
@@ -383,7 +379,7 @@ class CoveragePlan:
         return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
 
     @property
-    def _slower(self) -> SlowerKeys | None:
+    def _slower(self) -> dict[str, Any] | None:
         if self.slower is None or not self.slower.airspeeds_mps:
             return None
         ending = self.slower.forecast

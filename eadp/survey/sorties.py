@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 
@@ -43,10 +43,6 @@ from eadp.survey.ground import HeightReport
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division
 from eadp.survey.report import FULL, CoveragePlan, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
 from eadp.survey.swaths import CoveragePath
-
-if TYPE_CHECKING:
-    from eadp.survey.documents import SortieRow, SortiesDocument
-
 
 SCHEMA: Final = "eadp.sorties/1"
 OVERLAP_M, SWAP_S = 20.0, 120.0
@@ -290,7 +286,7 @@ class SortiePlanner:
     def _min_count(self, sample: FlightInputs, division: Division) -> int:
         """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
         motion, world, heading_rad = self.task.motion, sample.world, self.heading_rad
-        computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
+        computing_w, _ = world.computing.extreme(world.plan, "lo")
         power_w, battery = world.vehicle.cruise_power_w + computing_w, world.battery
         kept_s = battery.endurance_s(power_w, sample.scenario.keys.reserve_soc)
         pack_s = kept_s - battery.endurance_s(power_w, battery.soc)
@@ -382,7 +378,7 @@ class SortiePlan:
         """From the first take-off to the last landing [s]."""
         return self.starts_s[-1] + self.sorties[-1].time_s
 
-    def rows(self) -> list[SortieRow]:
+    def rows(self) -> list[dict[str, Any]]:
         """The figures of each sortie, by key."""
         rows: list[Any] = []
         keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
@@ -405,7 +401,7 @@ class SortiePlan:
             )
         return rows
 
-    def document(self) -> SortiesDocument:
+    def document(self) -> dict[str, Any]:
         """The values of `eadp.sorties/1`."""
         task, rows = self.planner.task, self.rows()
         first = self.divided.sorties[0].solution

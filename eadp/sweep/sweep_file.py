@@ -20,7 +20,7 @@ from eadp.io.energy import parse_energy
 from eadp.io.plan.sources import PlanReader
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
-from eadp.io.text.streams import SourceText, Text, refuse_others
+from eadp.io.text.streams import SourceText, Text
 from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.plug_ins import code_identity
@@ -163,7 +163,6 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
         With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
     """
     if isinstance(given, Text):
-        refuse_others(given, "sweep")
         document = read_yaml(given)
     else:
         document = Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
@@ -310,8 +309,8 @@ def _scenarios(
     """Every scenario of the sweep, by path; the profiles that they name are added to the texts."""
     # a varied scenario comes after the one of all runs, and replaces it
     named = [(path, location) for kind, path, location in paths if kind == "scenario"]
-    for path, location in named:
-        kept.document(path, document.fault(location, ""))
+    for path, _ in named:
+        kept.document(path)
     flown = [path for path, location in named if len(location) > 1] or [path for path, _ in named]
     scenarios = {path: kept.scenario(path, overrides) for path in flown}
     if not any(kind == "profile" for kind, *_ in paths):
@@ -358,9 +357,9 @@ def _read_all(
     """Read every plan, profile and energy model once; what the first run is warned about."""
     parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": parse_profile, "energy": parse_energy}
     named: set[str] = set()
-    for kind, path, location in paths:
+    for kind, path, _ in paths:
         if kind in parsers:
-            _, content = sweep.kept.read(path, parsers[kind], document.fault(location, ""))
+            _, content = sweep.kept.read(path, parsers[kind])
             if kind != "energy":
                 read = content[0]
                 named |= {item.title for item in read.parameters} if kind == "plan" else set(read.names)

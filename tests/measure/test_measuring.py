@@ -232,9 +232,8 @@ def test_what_was_measured_is_read_back(board: Callable[..., Board]) -> None:
     assert (profile.names, profile.units) == (("fps",), ("1/s",))
     assert [fault for fault in warnings if "few" not in fault.message] == []
     assert profile.source == "measured with hwmon:board/power1, a sample every 0.2 s after 0 s"
-    (part,) = profile.parts
-    assert part.power_w == pytest.approx([each.average.mean for each in measured], abs=1e-9)
-    assert part.standard_error_w == pytest.approx([each.average.standard_error for each in measured], abs=1e-9)
+    assert profile.power_w == pytest.approx([each.average.mean for each in measured], abs=1e-9)
+    assert profile.standard_error_w == pytest.approx([each.average.standard_error for each in measured], abs=1e-9)
     assert mean_text(average([[3.0]])) == "3.0000 W ± 0.0000 W (1 samples, standard deviation unknown)"
 
 

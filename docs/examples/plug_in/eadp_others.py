@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
@@ -19,16 +20,17 @@ from eadp.survey.coverage import LineGrid
 
 @dataclass(frozen=True)
 class Glider(FixedWing):
-    """An aeroplane with keys and formulas of its own, which forecasts and simulated flights ask."""
+    """An aeroplane with keys of its own, of which its induced drag follows."""
 
     model: Literal["glider"] = "glider"
     aspect_ratio: float = 18.0
     zero_lift_drag_coefficient: float = 0.012
     winglet_share: float = 0.9
 
-    def drag_n(self, airspeed_mps, bank_rad=0.0):
-        """Drag in level flight [N]: winglets take a share of it."""
-        return self.winglet_share * super().drag_n(airspeed_mps, bank_rad)
+    @cached_property
+    def induced_drag(self):
+        """K of the drag polar: winglets take a share of it."""
+        return self.winglet_share * super().induced_drag
 
 
 def sodium(soc):

@@ -77,7 +77,7 @@ class PlanReader:
         """
         source = _source_of(text)
         if source is None:
-            refuse_others(text, "plan")
+            refuse_others(text)
             return read_plan(text)
         return source.read(text, self)
 

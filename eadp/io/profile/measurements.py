@@ -1,19 +1,22 @@
-"""Measurements of computations as CSV: with a header, with powprofiler's flags, or numbers alone."""
+"""Measurements of computations as CSV: a header, powprofiler's flags, or numbers alone; configurations in options."""
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from eadp.core.signals import average
+from eadp.core.signals import SampleMean, average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated, separator
+from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import Text
 from eadp.models.profile import Profile, configuration_text
 
@@ -31,9 +34,6 @@ PARAMETERS_LIMIT = 8
 
 NAME = re.compile(r"[^\W\d](?:[\w .+/-]{0,62}\w)?\Z")
 A_NAME = "a name: a letter first, then letters, digits, _ - + . / or spaces, 64 at most"
-
-DEVICES = ("total", "cpu", "gpu")
-"""What powprofiler's columns are of, by the last digit of their flags."""
 
 # a division by 1000 keeps the digits of a value in mW, where a product with 0.001 would not
 _PER_WATT = {"w": 1.0, "W": 1.0, "watt": 1.0, "watts": 1.0, "mW": 1e3, "mw": 1e3, "kW": 1e-3, "kw": 1e-3}
@@ -73,9 +73,7 @@ class Trace(NamedTuple):
     configuration: Configuration | None = None
 
 
-def read_measurements(
-    files: Sequence[Trace], names: Sequence[str], *, device: str = ""
-) -> tuple[Profile, PointFaults, list[Fault]]:
+def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, PointFaults, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
     Parameters
@@ -84,8 +82,6 @@ def read_measurements(
         One or more, of the same parameters; the configuration of a file with columns for its parameters is not used.
     names : sequence of str
         Names for parameters without names in the file; see `eadp.io.profile.model_file.read_profile`.
-    device : str
-        Which of powprofiler's `DEVICES` the power is of; by default the total.
 
     Returns
     -------
@@ -110,7 +106,7 @@ def read_measurements(
         if first is None:
             message = "no measurements"
             raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(first, names, file.configuration, device)
+        layout = _layout(first, names, file.configuration)
         if layouts:
             layout = _in_order_of(layouts[0], layout, first)
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
@@ -145,7 +141,6 @@ def read_measurements(
             samples=np.array([each.samples for each in averages]),
             source=" + ".join(dict.fromkeys(sources)),
             standard_error_w=np.array([each.standard_error if each.samples > 1 else np.nan for each in averages]),
-            device=layout.device if len({each.device for each in layouts}) == 1 else "",
         )
     except Infeasible as error:
         row = next(iter(readings.values()))[0][0].row
@@ -181,7 +176,6 @@ class _Layout:
     header: bool = True
     warnings: Sequence[Fault] = ()
     constant: tuple[float, ...] = ()
-    device: str = ""
     unitless: bool = False
 
 
@@ -195,13 +189,9 @@ class ColumnHeading:
     problem: str = ""
 
 
-def _layout(row: Row, names: Sequence[str], stated: Configuration | None, device: str) -> _Layout:
+def _layout(row: Row, names: Sequence[str], stated: Configuration | None) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
-    digit = DEVICES.index(device or "total")
-    flags = has_flags(row.fields)
-    if device and not (flags and f"10{digit}" in row.fields):
-        raise InputError(row.fault(0, f"no power of the {device}", f"powprofiler's flag 10{digit}"))
-    headings = _headings(row.fields, digit)
+    headings = _headings(row.fields)
     if not stated and headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
         message = "no column for the configuration: it is a trace"
         expected = "that of each file, as in --config fps=2 --config fps=10"
@@ -212,7 +202,7 @@ def _layout(row: Row, names: Sequence[str], stated: Configuration | None, device
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
-    return replace(layout, device=DEVICES[digit]) if flags else layout
+    return layout
 
 
 def _in_order_of(first: _Layout, layout: _Layout, row: Row) -> _Layout:
@@ -220,7 +210,7 @@ def _in_order_of(first: _Layout, layout: _Layout, row: Row) -> _Layout:
     own, expected = (list(zip(each.names, each.units, strict=True)) for each in (layout, first))
     if sorted(own) != sorted(expected):
         here, there = (", ".join(f"{name} {unit}".strip() for name, unit in each) for each in (own, expected))
-        remedy = f"{there}, as in the first file; --add for computations that were measured apart"
+        remedy = f"{there}, as in the first file"
         raise InputError(row.fault(0, f"measurements of {here}", remedy))
     order = [own.index(each) for each in expected]
     return replace(
@@ -241,17 +231,16 @@ def _headerless(row: Row, names: Sequence[str]) -> _Layout:
     return _Layout(list(names) if d > 1 else ["c"], [""] * d, list(range(d)), power=d, width=d + 1, header=False)
 
 
-def _headings(fields: Sequence[str], digit: int = 0) -> list[ColumnHeading] | None:
+def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:
     """What a header or powprofiler's flags name; None for the numbers of a first measurement.
 
     Of powprofiler's columns, 2xx are parameters, 100 is the total average power, 101 and 102 are those of CPU and GPU,
-    which are parts of the total. 130 to 132, called energy, are W·samples, and 160 to 162 states of charge. `digit` is
-    the last one of the power's flag.
+    which are parts of the total. 130 to 132, called energy, are W·samples, and 160 to 162 states of charge.
 
     Source: powprofiler, doi 10.5281/zenodo.5562457 (letter, reference 48).
     """
     if has_flags(fields):
-        flags = {f"10{digit}": ColumnHeading("power", "W", 1.0)}
+        flags = {"100": ColumnHeading("power", "W", 1.0)}
         return [flags.get(field, ColumnHeading(f"p{field}" if field.startswith("2") else "", "")) for field in fields]
     if all(NUMBER.match(field) or NOT_FINITE.match(field) for field in fields):
         return None
@@ -395,3 +384,149 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
         before = point
     refuse(faults)
     return row
+
+
+# ── configurations in options: of a trace, to measure, or to evaluate ──
+
+CONFIGURATIONS_LIMIT = 1000
+"""Most configurations of one measurement."""
+
+_A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """The values of one parameter."""
+
+    name: str
+    unit: str
+    values: list[float]
+
+
+def parse_configuration(raw: str, option: str = "--config", expected: str = _A_CONFIGURATION) -> Configuration:
+    """Read `fps=0.5,keysize=32`, a configuration: one value for each parameter; raises InputError at the option."""
+    axes = _axes(raw, option, expected)
+    for axis in axes:
+        if len(axis.values) > 1:
+            raise InputError.at(option, 1, 1, f"{len(axis.values)} values of {axis.name}", "one", raw)
+    return next(iter(_product([axes])))
+
+
+def configurations_to_measure(stated: Sequence[str]) -> list[Configuration]:
+    """The configurations to measure, in order, each once.
+
+    `fps=2,4,keysize=32,448` are all four combinations; another option of the same parameters adds to them.
+
+    Parameters
+    ----------
+    stated : sequence of str
+        Values of `--config`, as in `fps=2,4,6`.
+
+    Raises
+    ------
+    InputError
+        Where they cannot be read, are of other parameters, or are more than `CONFIGURATIONS_LIMIT`.
+    """
+    if not stated:
+        raise InputError.at("--config", 1, 1, "nothing to measure", "configurations, as in --config fps=2,4,6")
+    group = [_axes(raw) for raw in stated]
+    first, *others = (sorted(axis.name for axis in axes) for axes in group)
+    for names, raw in zip(others, stated[1:], strict=True):
+        if names != first:
+            raise InputError.at("--config", 1, 1, "other parameters than before", f"values of {', '.join(first)}", raw)
+    if len(first) > PARAMETERS_LIMIT:
+        raise InputError.at("--config", 1, 1, f"{len(first)} parameters", f"at most {PARAMETERS_LIMIT}")
+    count = sum(math.prod(len(axis.values) for axis in axes) for axes in group)
+    if count > CONFIGURATIONS_LIMIT:
+        raise InputError.at("--config", 1, 1, f"{count} configurations", f"at most {CONFIGURATIONS_LIMIT}")
+    return list(dict.fromkeys(_product(group)))
+
+
+def _product(group: Iterable[Sequence[_Axis]]) -> Iterable[Configuration]:
+    """All combinations of each list of axes, one list after the other, parameters in the first list's order."""
+    order: list[str] = []
+    for axes in group:
+        order = order or [axis.name for axis in axes]
+        sorted_axes = sorted(axes, key=lambda axis: order.index(axis.name))
+        names, units = tuple(axis.name for axis in sorted_axes), tuple(axis.unit for axis in sorted_axes)
+        for values in itertools.product(*(axis.values for axis in sorted_axes)):
+            yield Configuration(names, units, values)
+
+
+def _axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> list[_Axis]:
+    """Read `fps=2,4,keysize=32`: a piece without a name is another value of the parameter before it."""
+    axes: list[_Axis] = []
+    column = 1
+    for piece in raw.split(","):
+        title, equals, text = piece.rpartition("=")
+        problem, expected = "", form
+        if equals:
+            heading = read_heading(title.strip())
+            axes.append(_Axis(heading.name, heading.unit, []))
+            problem, expected = heading.problem or ("a power is no parameter" if heading.per_watt else ""), A_NAME
+            if heading.name in [axis.name for axis in axes[:-1]]:
+                problem, expected = f"{heading.name} stands twice", "each once"
+        elif not axes:
+            problem = f"{printable(piece.strip(), 80) or 'an empty text'} is no name=value"
+        if not problem and not (NUMBER.match(text.strip()) and abs(float(text)) <= LARGEST):
+            shown = printable(text.strip(), 80) or "empty"
+            problem, expected = f"{axes[-1].name} is {shown}, not a finite number", form
+        if problem:
+            raise InputError.at(option, 1, column, problem, expected, raw)
+        axes[-1].values.append(float(text))
+        column += len(piece) + 1
+    return axes
+
+
+# --- how the power of a command is measured
+
+SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
+"""Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""
+
+
+@dataclass(frozen=True)
+class MeasurementSettings:
+    """Accuracy and duration of a measurement."""
+
+    warmup_s: float = 5.0
+    """Time before the first sample."""
+
+    interval_s: float = 0.2
+    """Time from one sample to the next."""
+
+    accuracy_w: float = 0.05
+    """Standard error to measure to [W]."""
+
+    longest_s: float = 120.0
+    """Longest time at a configuration."""
+
+    def reached(self, found: SampleMean) -> bool:
+        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
+        return found.std > 0 and found.standard_error <= self.accuracy_w
+
+
+@dataclass(frozen=True)
+class MeasureOptions(MeasurementSettings):
+    """How the power of a command is measured."""
+
+    config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
+    """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
+    fps=2,4,keysize=32,448."""
+
+    sensor: Annotated[str, Flag(metavar="KIND:NAME")] = ""
+    """The sensor to read, or its path."""
+
+    sysfs: Annotated[str, Flag(metavar="DIR")] = "/sys"
+    """Root of the sensors."""
+
+    def given(self) -> list[str]:
+        """Those given, as options; without `--config`, which is not for measuring alone."""
+        changed = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
+        return [option_name(name) for name in changed if name != "config"]
+
+    def check(self) -> None:
+        """Refuse values out of range; raises InputError."""
+        check_range("--warmup", self.warmup_s, 0.0, MAX_TIME_S, closed=True)
+        check_range("--interval", self.interval_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
+        check_range("--accuracy", self.accuracy_w, 0.0, math.inf)
+        check_range("--longest", self.longest_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)

@@ -6,8 +6,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
-from itertools import islice
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -16,7 +15,6 @@ from pydantic import Field
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
-from eadp.io.profile.configurations import parse_configuration
 from eadp.io.profile.measurements import (
     A_NAME,
     LARGEST,
@@ -26,80 +24,20 @@ from eadp.io.profile.measurements import (
     PointFaults,
     Trace,
     is_trace,
+    parse_configuration,
     read_measurements,
 )
 from eadp.io.profile.recordings import PowerColumns, read_recording
 from eadp.io.text.streams import Text, read_text
-from eadp.io.text.yaml import STRICT, Document, Path, document_schema, read_yaml, schema_of, validated, yaml_text
-from eadp.models.profile import ARRAYS, AnyProfile, Profile, ProfileSum, added, configuration_text, shortest
+from eadp.io.text.yaml import STRICT, Document, Path, read_yaml, validated, yaml_text
+from eadp.models.profile import ARRAYS, Profile, configuration_text, shortest
 
 SCHEMA = "eadp.profile/1"
-
-PARTS_LIMIT = 16
-"""Most parts of a model: computations that were measured apart."""
 
 _MODEL = re.compile(r"""\{|["']?schema["']?\s*:""")
 
 
-@dataclass(frozen=True)
-class Sources:
-    """The files of a profile and the options about them.
-
-    Attributes
-    ----------
-    files : sequence of str
-        Measurements (CSV) of one set of computations, or one model (YAML, JSON); `-` is standard input.
-    added : sequence of str
-        Measurements or models of computations that were measured apart: their power is added.
-    names : sequence of str
-        New names of the parameters, in the order of their columns, file by file; none keeps the files'.
-    configurations : sequence of Configuration
-        Configurations of the traces among `files`, in their order.
-    interpolation : str
-        `linear` or `pchip`; None keeps the model's.
-    device : str
-        Which of powprofiler's devices the power of `files` is of; '' is the total.
-    columns : PowerColumns
-        Which columns of `files` are read.
-    """
-
-    files: Sequence[str]
-    added: Sequence[str] = ()
-    names: Sequence[str] = ()
-    configurations: Sequence[Configuration] = ()
-    interpolation: Kind | None = None
-    device: str = ""
-    columns: PowerColumns = field(default_factory=PowerColumns)
-
-
-def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list[Fault]]:
-    """Read a profile: measurements (CSV) or a model (YAML, JSON), whichever the file holds.
-
-    Parameters
-    ----------
-    path : str
-        The file, `-` for standard input.
-    names : sequence of str
-        New names of its parameters, in the order of their columns; none keeps the file's.
-
-    Returns
-    -------
-    Profile, or ProfileSum
-        The model.
-    list of Fault
-        Warnings, first by line.
-
-    Raises
-    ------
-    InputError
-        With the faults of the file, or of `names`.
-    """
-    text, notes = _measurements(read_text(path), PowerColumns())
-    profile, warnings = parse_profile(text, names)
-    return profile, notes + warnings
-
-
-def _measurements(text: Text, columns: PowerColumns, *, stated: bool = False) -> tuple[Text, list[Fault]]:
+def _measurements(text: Text, columns: PowerColumns, *, stated: bool) -> tuple[Text, list[Fault]]:
     """A recording of a computer's power as measurements, and what is to be known of it; another text as it is."""
     found = None if _is_model(text) else read_recording(text, columns.power, columns.parameters)
     if found is None:
@@ -107,77 +45,82 @@ def _measurements(text: Text, columns: PowerColumns, *, stated: bool = False) ->
     return found.measurements(columns.parameters, columns.trim, stated=stated), found.notes()
 
 
-def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
-    """`read_profile` of several files: traces of several configurations, and computations that were measured apart.
+def read_profile(
+    files: str | Sequence[str],
+    names: Sequence[str] = (),
+    *,
+    configurations: Sequence[Configuration] = (),
+    interpolation: Kind | None = None,
+    columns: PowerColumns | None = None,
+) -> tuple[Profile, list[Fault]]:
+    """Read a profile: measurements (CSV) or a model (YAML, JSON), whichever the files hold.
+
+    Parameters
+    ----------
+    files : str or sequence of str
+        Measurements, of several tables or traces, or one model; `-` is standard input.
+    names : sequence of str
+        New names of the parameters, in the order of their columns; none keeps the files'.
+    configurations : sequence of Configuration
+        Configurations of the traces among the files, in their order.
+    interpolation : str
+        `linear` or `pchip`; None keeps the model's.
+    columns : PowerColumns
+        Which columns of the files are read.
+
+    Returns
+    -------
+    Profile
+    list of Fault
+        Warnings, first by line.
 
     Raises
     ------
     InputError
         With the faults of the files, or of the options about them.
     """
-    _check_names(sources.names)
-    apart = bool(sources.added and sources.names)  # then the names are those of all the files
-    names = () if apart else sources.names
-    stated = bool(sources.configurations)
-    read = [_measurements(read_text(path), sources.columns, stated=stated) for path in sources.files]
+    paths, columns = [files] if isinstance(files, str) else files, columns or PowerColumns()
+    read = [_measurements(read_text(path), columns, stated=bool(configurations)) for path in paths]
     texts, notes = [text for text, _ in read], [note for _, found in read for note in found]
     models = [text for text in texts if _is_model(text)]
     if models and len(texts) > 1:
-        expected = "measurements, or --add for computations that were measured apart"
-        raise InputError.at(models[0].name, 1, 1, "a model among several files", expected)
-    if models and sources.configurations:
+        raise InputError.at(models[0].name, 1, 1, "a model among several files", "measurements, or one model")
+    if models and configurations:
         raise InputError.at(texts[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
-    if models and sources.device:
-        raise InputError.at("--device", 1, 1, "a model has its device", "powprofiler's measurements", sources.device)
     if models:
         profile, warnings = parse_profile(texts[0], names)
     else:
-        traces = _traces(sources, texts)
-        profile, warnings = _measured(traces, names, device=sources.device)
-    profiles = [profile]
-    for path in sources.added:
-        profile, more = parse_profile(read_text(path))
-        profiles.append(profile)
-        warnings += more
-    profile = _added(profiles, sources.names if apart else ())
-    return _interpolated(profile, sources.interpolation), notes + warnings
+        profile, warnings = _measured(_traces(texts, configurations), names)
+    if interpolation:
+        try:
+            profile = replace(profile, interpolation=interpolation)
+        except Infeasible as error:
+            raise InputError.at("--interpolation", 1, 1, str(error), "linear", interpolation) from None
+    return profile, notes + warnings
 
 
-def _interpolated(profile: AnyProfile, kind: Kind | None) -> AnyProfile:
-    try:
-        return added([replace(part, interpolation=kind) for part in profile.parts]) if kind else profile
-    except Infeasible as error:
-        raise InputError.at("--interpolation", 1, 1, str(error), "linear", str(kind)) from None
-
-
-def _traces(sources: Sources, texts: Sequence[Text]) -> list[Trace]:
+def _traces(texts: Sequence[Text], configurations: Sequence[Configuration]) -> list[Trace]:
     """Each file with its configuration, where it has no columns for it."""
     without = [i for i, text in enumerate(texts) if is_trace(text)]
-    stated = dict(zip(without, sources.configurations, strict=False))
-    if sources.configurations and len(sources.configurations) != len(without):
-        message = f"{len(sources.configurations)} configurations for {len(without)} files without columns for them"
+    if configurations and len(configurations) != len(without):
+        message = f"{len(configurations)} configurations for {len(without)} files without columns for them"
         raise InputError.at("--config", 1, 1, message, "one for each such file, in order")
+    stated = dict(zip(without, configurations, strict=False))
     return [Trace(text, stated.get(i)) for i, text in enumerate(texts)]
 
 
-def parse_profile(text: Text, names: Sequence[str] = ()) -> tuple[AnyProfile, list[Fault]]:
+def parse_profile(text: Text, names: Sequence[str] = ()) -> tuple[Profile, list[Fault]]:
     """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`."""
-    _check_names(names)
     if not _is_model(text):
         return _measured([Trace(text)], names)
-    parts = _read_model(text)
-    warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations)]
-    try:
-        profile = added([profile for profile, _ in parts])
-    except Infeasible as error:
-        raise InputError.at(text.name, 1, 1, str(error), "each parameter in one part") from None
-    return _added([profile], names), warnings
+    profile, locations = _read_model(text)
+    return _renamed(profile, names), _warnings(profile, locations)
 
 
-def _measured(files: Sequence[Trace], names: Sequence[str], *, device: str = "") -> tuple[AnyProfile, list[Fault]]:
-    profile, locations, warnings = read_measurements(files, names, device=device)
+def _measured(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
+    profile, locations, warnings = read_measurements(files, names)
     found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations)
-    return _added([profile], names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
+    return _renamed(profile, names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
 def _warnings(profile: Profile, locations: PointFaults) -> list[Fault]:
@@ -191,20 +134,21 @@ def _warnings(profile: Profile, locations: PointFaults) -> list[Fault]:
     return sorted(warnings, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
-def _added(profiles: Sequence[AnyProfile], names: Sequence[str]) -> AnyProfile:
-    """The sum of profiles, their parameters renamed if there are names."""
-    parts = [part for profile in profiles for part in profile.parts]
-    known = [name for part in parts for name in part.names]
-    if names and len(names) != len(known):
-        message = f"{len(names)} names for the parameters {', '.join(known)}"
-        raise InputError.at("--names", 1, 1, message, f"{len(known)} of them")
-    if names:
-        rest = iter(names)
-        parts = [replace(part, names=tuple(islice(rest, len(part.names)))) for part in parts]
-    try:
-        return added(parts)
-    except Infeasible as error:
-        raise InputError.at("--add", 1, 1, str(error), "names of their own, as --names gives them") from None
+def _renamed(profile: Profile, names: Sequence[str]) -> Profile:
+    """A profile with new names of its parameters, if there are any."""
+    if not names:
+        return profile
+    for name in names:
+        if not re.fullmatch(r"[A-Za-z]\w{0,63}", name, re.ASCII):
+            shown = printable(name, 80) or "an empty text"
+            expected = "a name as a plan has it: letters, digits and _; commas between names"
+            raise InputError.at("--names", 1, 1, f"{shown} is no name", expected)
+    if len(set(names)) < len(names):
+        raise InputError.at("--names", 1, 1, f"a name stands twice in {','.join(names)}", "each once")
+    if len(names) != len(profile.names):
+        message = f"{len(names)} names for the parameters {', '.join(profile.names)}"
+        raise InputError.at("--names", 1, 1, message, f"{len(profile.names)} of them")
+    return replace(profile, names=tuple(names))
 
 
 def _is_model(text: Text) -> bool:
@@ -214,16 +158,6 @@ def _is_model(text: Text) -> bool:
     lines = (line.strip() for line in text.body.split("\n"))
     first = next((line for line in lines if line and not line.startswith("#") and line != "---"), "")
     return _MODEL.match(first) is not None
-
-
-def _check_names(names: Sequence[str]) -> None:
-    for name in names:
-        if not re.fullmatch(r"[A-Za-z]\w{0,63}", name, re.ASCII):
-            shown = printable(name, 80) or "an empty text"
-            expected = "a name as a plan has it: letters, digits and _; commas between names"
-            raise InputError.at("--names", 1, 1, f"{shown} is no name", expected)
-    if len(set(names)) < len(names):
-        raise InputError.at("--names", 1, 1, f"a name stands twice in {','.join(names)}", "each once")
 
 
 # ── the model's schema ──
@@ -264,14 +198,16 @@ class _Point:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _PartFile:
-    """Average power of computations that were measured together, at configurations of their parameters."""
+class ProfileFile:
+    """Computation profile: average power at measured configurations of the computations' parameters."""
+
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.profile/1"]
+    """name and version of the format"""
 
     source: str = ""
     """where the measurements are from"""
-
-    device: Annotated[str, Field(max_length=64)] = ""
-    """what the power is of: total, cpu, gpu; empty where it is not known"""
 
     parameters: Annotated[list[_Parameter], Field(min_length=1, max_length=PARAMETERS_LIMIT)]
     """parameters of the computations, in order"""
@@ -283,95 +219,44 @@ class _PartFile:
     """configurations that were measured"""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ProfileFile(_PartFile):
-    """Computation profile: average power at measured configurations of the computations' parameters."""
-
-    __pydantic_config__ = STRICT
-
-    schema: Literal["eadp.profile/1"]
-    """name and version of the format"""
-
-
-@dataclass(frozen=True)
-class _SumFile:
-    """Computation profile of computations that were measured apart; their power is added."""
-
-    __pydantic_config__ = STRICT
-
-    schema: Literal["eadp.profile/1"]
-    """name and version of the format"""
-
-    parts: Annotated[list[_PartFile], Field(min_length=1, max_length=PARTS_LIMIT)]
-    """computations measured apart, whose power is added"""
-
-
-def json_schema() -> dict[str, Any]:
-    """The JSON Schema of a profile's model file: parameters and points, or parts that have them."""
-    whole = schema_of(_SumFile)
-    keys = whole["$defs"]["_PartFile"]["properties"]
-    return {
-        **whole,
-        "title": SCHEMA,
-        "description": ProfileFile.__doc__,
-        "properties": keys | whole["properties"],
-        "required": ["schema"],
-        "oneOf": [
-            {"required": ["parameters", "points"], "not": {"required": ["parts"]}},
-            {"required": ["parts"], "not": {"anyOf": [{"required": [key]} for key in keys]}},
-        ],
-    }
-
-
 # ── reading a model ──
 
 
-def _read_model(text: Text) -> list[tuple[Profile, PointFaults]]:
-    """The parts of a model, itself where it has none, each with the locations of its points."""
+def _read_model(text: Text) -> tuple[Profile, PointFaults]:
+    """A model, and the locations of its points."""
     document = read_yaml(text)
     value = document.value
     if not isinstance(value, dict) or value.get("schema") != SCHEMA:
         raise InputError(document.fault(("schema",), "not the model of a profile", f"schema: {SCHEMA}"))
-    if "parts" in value:
-        own = validated(_SumFile, document, value).parts
-        parts: dict[Path, _PartFile] = {("parts", i): part for i, part in enumerate(own)}
-    else:
-        parts = {(): validated(ProfileFile, document, value)}
-    refuse([fault for path, part in parts.items() for fault in _faults(document, part, path)])
-    return [(_part(document, part, path), _locations(document, part, path)) for path, part in parts.items()]
+    content = validated(ProfileFile, document, value)
+    refuse(_faults(document, content))
 
-
-def _locations(document: Document, content: _PartFile, where: Path) -> PointFaults:
-    points = enumerate(content.points)
-    return {tuple(point.at): document.fault((*where, "points", i), "") for i, point in points}
-
-
-def _part(document: Document, content: _PartFile, where: Path) -> Profile:
     def column(key: str) -> FloatArray:
         return np.array([getattr(point, key) for point in content.points], dtype=np.float64)  # None is NaN
 
     try:
-        return Profile(
+        profile = Profile(
             names=tuple(parameter.name for parameter in content.parameters),
             units=tuple(parameter.unit for parameter in content.parameters),
             configurations=column("at"),
             samples=column("samples").astype(np.int64),
             interpolation=content.interpolation,
             source=content.source,
-            device=content.device,
             **{name: column(name) for name in ARRAYS if name not in ("configurations", "samples")},
         )
     except Infeasible as error:
         key = "interpolation" if content.interpolation == "pchip" else "points"
-        raise InputError(document.fault((*where, key), str(error))) from None
+        raise InputError(document.fault((key,), str(error))) from None
+    points = enumerate(content.points)
+    return profile, {tuple(point.at): document.fault(("points", i), "") for i, point in points}
 
 
-def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:
+def _faults(document: Document, content: ProfileFile) -> list[Fault]:
     """Faults of a model beyond the types of its keys."""
     faults = []
     names = [parameter.name for parameter in content.parameters]
     for i, name in enumerate(names):
-        path: Path = (*where, "parameters", i, "name")
+        path: Path = ("parameters", i, "name")
         if not NAME.match(name):
             shown = printable(name, 80) or "an empty text"
             faults.append(document.fault(path, f"{shown} is no name", A_NAME))
@@ -379,7 +264,7 @@ def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:
             faults.append(document.fault(path, f"the name {name} stands twice", "each once"))
     seen: set[tuple[float, ...]] = set()
     for i, point in enumerate(content.points):
-        path, at = (*where, "points", i, "at"), tuple(point.at)
+        path, at = ("points", i, "at"), tuple(point.at)
         if len(at) != len(names):
             message = f"{len(at)} values for {len(names)} parameters"
             faults.append(document.fault(path, message, "one for each"))
@@ -393,21 +278,12 @@ def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:
 # ── writing a model ──
 
 
-def profile_document(profile: AnyProfile) -> dict[str, Any]:
-    """A profile as the JSON-ready document of its schema.
-
-    Every key is written out but the device where it is not known.
-    """
-    if isinstance(profile, ProfileSum):
-        return {"schema": SCHEMA, "parts": [_part_document(part) for part in profile.parts]}
-    return {"schema": SCHEMA, **_part_document(profile)}
-
-
-def _part_document(profile: Profile) -> dict[str, Any]:
+def profile_document(profile: Profile) -> dict[str, Any]:
+    """A profile as the JSON-ready document of its schema, every key written out."""
     columns = [getattr(profile, name).tolist() for name in ARRAYS]
     return {
+        "schema": SCHEMA,
         "source": profile.source,
-        **({"device": profile.device} if profile.device else {}),
         "parameters": [{"name": n, "unit": u} for n, u in zip(profile.names, profile.units, strict=True)],
         "interpolation": profile.interpolation,
         "points": [
@@ -423,12 +299,12 @@ def _part_document(profile: Profile) -> dict[str, Any]:
     }
 
 
-def profile_yaml(profile: AnyProfile) -> str:
+def profile_yaml(profile: Profile) -> str:
     """The canonical text of a profile; reading it gives an equal profile.
 
     Parameters
     ----------
-    profile : Profile or ProfileSum
+    profile : Profile
 
     Returns
     -------
@@ -451,21 +327,12 @@ def _without_defaults(value: Any) -> Any:
     return {key: _without_defaults(item) for key, item in value.items() if key not in DEFAULTS or item != DEFAULTS[key]}
 
 
-@dataclass(frozen=True)
-class PowerAt:
-    """Power of a configuration [W], and whether it is outside those measured."""
-
-    configuration: dict[str, float]
-    power_w: float
-    extrapolated: bool
-
-
-def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[list[dict[str, Any]], list[Fault]]:
+def powers_at(profile: Profile, asked: Sequence[str], clamp: bool) -> tuple[list[dict[str, Any]], list[Fault]]:
     """Power at configurations such as `fps=5,keysize=32`.
 
     Parameters
     ----------
-    profile : Profile or ProfileSum
+    profile : Profile
     asked : sequence of str
         Values of `--at`.
     clamp : bool
@@ -502,7 +369,7 @@ def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[l
             message = f"{profile.outside(configuration)}: taken at {taken}"
             warnings.append(Fault("--at", 1, 1, message, severity="warning"))
         named = dict(zip(profile.names, map(shortest, configuration), strict=True))
-        values.append(asdict(PowerAt(named, power_w, extrapolated)))
+        values.append({"configuration": named, "power_w": power_w, "extrapolated": extrapolated})
     refuse(faults)
     return values, warnings
 
@@ -517,8 +384,3 @@ def _configuration(raw: str, names: Sequence[str]) -> tuple[float, ...]:
         message = f"no parameter {', '.join(unknown)}" if unknown else f"no value for {', '.join(missing)}"
         raise InputError.at("--at", 1, 1, message, expected, raw)
     return tuple(given.values[given.names.index(name)] for name in names)
-
-
-def power_schema() -> dict[str, Any]:
-    """JSON Schema of `eadp.power/1`."""
-    return document_schema("eadp.power/1", {"values": list[PowerAt]})

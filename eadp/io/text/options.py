@@ -10,14 +10,10 @@ import ast
 import functools
 import inspect
 import math
-import re
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass, replace
-from typing import TypeVar
+from dataclasses import dataclass, is_dataclass
 
-from eadp.errors import Fault, InputError, printable
-from eadp.io.text.streams import Text
+from eadp.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -76,40 +72,6 @@ def option_name(field: str) -> str:
     """The option of a field, where it has no other name."""
     unit = next((unit for unit in UNITS if field.endswith(unit) and unit not in KEPT), "")
     return "--" + field.removesuffix(unit).rstrip("_").replace("_", "-")
-
-
-Content = TypeVar("Content")
-
-_OURS = re.compile(
-    r"""\A(?:\s*(?:[#%][^\n]*)?\n)*                      # after comments and blank lines
-    (?: [^\n]*power                                     # the header of measurements
-      | [-+0-9.eE,;\s]+$                                # or numbers
-      | [^\n;]+;[^\n;]+;                                # the first line of a stage
-      | \s*(?:init|path)\s*:\s*$                        # of sections
-      | QGC[ ]WPL | \{\s*"fileType" )                   # missions
-    | ^[\s{]*["']?schema["']?\s*:\s*["']?eadp\.         # the key of every YAML file
-    | ^(?:airframe|battery|wind|planner|points)\s*:       # or a key of one where that is missing""",
-    re.VERBOSE | re.MULTILINE | re.IGNORECASE,
-)
-HEAD = 20_000
-"""Characters by which a text is recognised."""
-
-
-def parse_named(text: Text, parse: Callable[[Text], Content], reference: Fault | None) -> Content:
-    """The content of a file; `reference` is the location where another file names it, if one does.
-
-    Raises
-    ------
-    InputError
-        As `parse` does; at the reference, and without a word of the file, if that is no text of ours.
-    """
-    try:
-        return parse(text)
-    except InputError as error:
-        if reference is None or _OURS.search(text.body[:HEAD]):
-            raise
-        message = f"{printable(text.name)} is none of eadp's files, by its line {error.faults[0].line}"
-        raise InputError(replace(reference, message=message, expected="the path of one")) from None
 
 
 def attribute_docstrings(kind: type) -> dict[str, str]:

@@ -310,39 +310,24 @@ def refuse_wpml(text: Text) -> None:
         raise InputError.at(text.name, 1, 1, "is a mission of DJI (WPML), which is not read", expected)
 
 
-USES = {
-    "scenario": ("a scenario", "--scenario {}"),
-    "vehicle": ("a vehicle file", "--set vehicle={}, or eadp vehicle {}"),
-    "camera": ("a camera", "eadp cover FIELD --camera {}"),
-    "profile": ("a profile", "--profile {}"),
-    "energy": ("an energy model", "--energy {}"),
-    "sweep": ("a sweep", "eadp sweep {}"),
-    "field": ("a field", "eadp cover {}, which makes a plan of it"),
-}
-"""What each kind of file is, and where it belongs."""
-
-
-def refuse_others(text: Text, own: str) -> None:
-    """Refuse a file that is of another kind than its place has; `own` is the kind that is expected.
+def refuse_others(text: Text) -> None:
+    """Refuse a file that stands where a plan belongs: a field, a YAML file of eadp's, a file of other software.
 
     Raises
     ------
     InputError
-        With the option or the command that takes such a file.
+        With what takes such a file, or is read.
     """
     head = text.body[:HEAD]
-    found = _SCHEMA.search(head)
-    kind = "field" if _FIELD.match(head) else found[1] if found else own
-    if own == "plan":
-        refuse_wpml(text)
-    if kind == own == "plan":
-        for pattern, message in _FOREIGN:
-            if re.search(pattern, head, re.DOTALL):
-                raise InputError.at(text.name, 1, 1, message, _MISSIONS)
-    if kind != own and kind in USES:
-        what, use = USES[kind]
-        use = use.replace("{}", printable(text.name))
-        raise InputError.at(text.name, 1, 1, f"is {what}, not a {own}", f"a {own}; it belongs to {use}")
+    refuse_wpml(text)
+    if _FIELD.match(head):
+        expected = f"a plan, which eadp cover {printable(text.name)} makes of it"
+        raise InputError.at(text.name, 1, 1, "is a field, not a plan", expected)
+    if found := _SCHEMA.search(head):
+        raise InputError.at(text.name, 1, 1, f"is a file of eadp.{found[1]}, not a plan", "a plan")
+    for pattern, message in _FOREIGN:
+        if re.search(pattern, head, re.DOTALL):
+            raise InputError.at(text.name, 1, 1, message, _MISSIONS)
 
 
 MARKS = {0xFD: (12, 10), 0xFE: (8, 6)}

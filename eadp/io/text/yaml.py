@@ -12,19 +12,17 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, Literal, TypeVar, get_origin
+from typing import Any, TypeVar, get_origin
 
 import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
-from typing_extensions import TypedDict
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
 from eadp.io.text.options import attribute_docstrings
-from eadp.io.text.streams import Location, SourceText, Text, refuse_others
-from eadp.models.doubts import meant
+from eadp.io.text.streams import Location, SourceText, Text
 
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50
@@ -136,19 +134,13 @@ def _build(node: Node, path: Path, document: Document, faults: list[Fault]) -> A
 
 def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fault]) -> dict[str, Any]:
     result: dict[str, Any] = {}
-    for before, (key_node, value_node) in zip([None, *node.value], node.value, strict=False):
+    for key_node, value_node in node.value:
         location = _location(key_node.start_mark)
         if not isinstance(key_node, ScalarNode):
             document.places[(*path, "?")] = location
             faults.append(document.fault((*path, "?"), "a key that is not a name", "a name"))
             continue
         key = key_node.value
-        if before is not None and _is_decimals(before[1], key_node, value_node):
-            whole = before[1].value
-            document.places[(*path, "?")] = _location(before[1].start_mark)
-            message = f"{printable(whole)},{printable(key)} has a decimal comma"
-            faults.append(document.fault((*path, "?"), message, f"a decimal point, as in {whole}.{key}"))
-            continue
         if key in result:
             document.places[(*path, "?")] = location
             faults.append(document.fault((*path, "?"), f"the key {printable(key)} stands twice", "it once"))
@@ -157,12 +149,6 @@ def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fau
         # the location is the key's: an empty value has none, and a block starts a line later
         document.places[(*path, key)] = location
     return result
-
-
-def _is_decimals(number: Node, key: ScalarNode, value: Node) -> bool:
-    """Whether a key is the digits after the comma of the number before it, as the 5 of `{a: 6,5, b: 1}`."""
-    numbers = isinstance(number, ScalarNode) and number.style is None and _INT.match(number.value)
-    return bool(numbers) and key.style is None and key.value.isdigit() and value.start_mark == value.end_mark
 
 
 def _without_surrogates(raw: str, path: Path, document: Document, faults: list[Fault]) -> str:
@@ -265,7 +251,7 @@ def _adapter(model: Any) -> TypeAdapter[Any]:
 
 
 class _Described(GenerateJsonSchema):
-    """JSON Schema with the docstrings of a dataclass's attributes as descriptions; of a document, by its label."""
+    """JSON Schema with the docstrings of a dataclass's attributes as descriptions."""
 
     def dataclass_schema(self, schema: Any) -> dict[str, Any]:
         """The schema of a dataclass."""
@@ -276,29 +262,11 @@ class _Described(GenerateJsonSchema):
                 node.setdefault("description", texts[name])
         return found
 
-    def typed_dict_schema(self, schema: Any) -> dict[str, Any]:
-        """The schema of a document that is written, or of a part of one: it has no other keys."""
-        found = super().typed_dict_schema(schema) | {"additionalProperties": False}
-        label = found["properties"].get("schema", {}).get("const")
-        return found | ({"title": label} if label else {})
-
 
 @cache
 def schema_of(model: Any) -> dict[str, Any]:
     """JSON Schema of a dataclass or model."""
     return _adapter(model).json_schema(by_alias=True, schema_generator=_Described)
-
-
-def document_schema(name: str, keys: Mapping[str, Any], *, labelled: bool = True) -> dict[str, Any]:
-    """JSON Schema of a document: its label `schema: NAME`, if it has one, and its other keys by their types."""
-    label: Any = {"schema": Literal[name]} if labelled else {}
-    made: Any = TypedDict  # of keys that are known only here
-    return schema_of(made("Document", {**label, **keys})) | {"title": name}
-
-
-def faults_schema() -> dict[str, Any]:
-    """JSON Schema of a line of `--faults json`."""
-    return document_schema("eadp.faults/1", {"faults": list[Fault]})
 
 
 def are_given(*keys: str) -> dict[str, Any]:
@@ -320,7 +288,6 @@ def keys_document(text: Text, schema: str) -> Document:
     InputError
         If it is no YAML or no mapping, or has no key `schema`.
     """
-    refuse_others(text, schema.removeprefix("eadp.").partition("/")[0])
     document = read_yaml(text)
     if document.value is None:
         document.value = {}
@@ -418,8 +385,6 @@ def _schema_fault(document: Document, problem: Any, model: Any, value: Any, sugg
     expected = _EXPECTED.get(kind, reworded)
     if kind == "float_type" and isinstance(wrong, str) and DECIMAL_COMMA.match(wrong.strip()):
         expected = f"a number with a decimal point, as in {wrong.strip().replace(',', '.')}"
-    if kind in ("less_than", "less_than_equal") and (otherwise := meant(str(path[-1]), wrong)):
-        expected += f": {otherwise}"
     shown = printable(repr(wrong), 60)
     if isinstance(wrong, dict | list | tuple):
         shown = "a mapping" if isinstance(wrong, dict) else f"a list of {len(wrong)}"

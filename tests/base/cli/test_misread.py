@@ -104,7 +104,7 @@ def surveyed(**changed):
             "a wind of 20 m/s, no slower than the aircraft; expected less than its 15 m/s; 20 km/h are 5.56 m/s",
         ),  # km/h
         (surveyed(wind="4,2400"), 2, "a bearing of 2400°; expected 0 to 360"),
-        ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000: 5000 mAh are 5 Ah"),
+        ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000"),
         ((*SHORT, "start.heading_deg=1.57"), 0, "start.heading_deg:1:1: warning: 1.57°, an angle of a few degrees"),
     ],
 )

@@ -95,7 +95,6 @@ def test_settings_name_parameters_as_people_do(eadp, tmp_path):
         scenario.write_text(
             f"{text}planner:\n  weights: {{{fps}: 0.2, {path}: 1}}\n  levels: {{{fps}: [2, 5, 10]}}\n"
             f"  joint: {{trade_offs: [{{coefficients: {{{fps}: 1}}, at_least: 3}}]}}\n"
-            f"computations: {{{fps}: {{max_rate: 8}}}}\n"
         )
         answer = eadp("simulate", PLAN, "--scenario", scenario, *seldom, "-o", tmp_path / fps)
         assert answer.code in (0, 1), answer.err

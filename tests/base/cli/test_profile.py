@@ -70,30 +70,6 @@ def test_the_page_shows_what_comes_out(run: Run, monkeypatch: pytest.MonkeyPatch
 # several files
 
 
-def test_computations_added_are_flown(run: Run, measured: PowerMeasurement, tmp_path: Path) -> None:
-    other = measured("keysize,power_w\n32,1\n448,3\n")
-    model = str(tmp_path / "both.yaml")
-    code, out, _ = run("profile", PEDNET, "--add", other, "-o", model)
-    assert code == 0
-    assert out.startswith("2 parts, measured apart, whose power is added: fps, keysize\n\n5 configurations of fps;")
-    code, out, err = run("profile", model, "--at", "fps=10,keysize=240", "--at", "fps=11,keysize=0", "--clamp")
-    assert (code, out) == (0, "fps=10,keysize=240: 12.2112 W\nfps=11,keysize=0: 11.2112 W\n")
-    assert err.endswith("taken at fps=10,keysize=32\n")
-    document = json.loads(run("profile", model, "--format", "json")[1])
-    assert [len(part["points"]) for part in document["parts"]] == [5, 2]
-    stage = "0.1; 90; x\n0, {y}\n[{fps}]\n[{keysize}]\n"
-    plan = tmp_path / "two.plan"
-    first, second = stage.format(y=400, fps="10,10", keysize="32,32"), stage.format(y=800, fps="10,10", keysize="0,0")
-    plan.write_text(f"%: computations fps, keysize\n{first}{second}", encoding="utf-8")
-    flown = ["simulate", str(plan), "--profile", model, "--planner", "static", "--set", "vehicle.airframe.model=paper"]
-    code, out, err = run(*flown, "-o", str(tmp_path / "flight"), "--format", "json")
-    assert (code, json.loads(out)["completed"]) == (0, True), err
-    rows = [line.split(",") for line in (tmp_path / "flight" / "flight.csv").read_text().splitlines()]
-    power = {row[1]: float(row[6]) for row in rows[1:]}
-    # in the second stage the watt of the smallest key is gone
-    assert power["1"] - power["2"] == pytest.approx(1.0, abs=0.2)
-
-
 @pytest.mark.parametrize("ending", ["svg", "png"])
 def test_plot(run: Run, tmp_path: Path, ending: str) -> None:
     picture = tmp_path / f"model.{ending}"
@@ -124,7 +100,6 @@ def test_model_is_written_and_read_back(run: Run, tmp_path: Path) -> None:
         (["-o", "no/such/folder/m.yaml"], "no/such/folder/m.yaml:1:1: error: cannot be written"),
         (["--names", "a,b"], "--names:1:1: error: 2 names for the parameters fps; expected 1 of them"),
         (["--names", ","], "--names:1:1: error: an empty text is no name"),
-        (["--add", PEDNET], "--add:1:1: error: two of the profiles that are added have a parameter fps"),
         (["--config", "fps=2"], "--config:1:1: error: 1 configurations for 0 files without"),
         (["--at", "rate=5"], "--at:1:1: error: no parameter rate; expected fps=VALUE"),
         (["--config", "fps=2,4"], "--config:1:1: error: 2 values of fps; expected one"),
@@ -138,17 +113,3 @@ def test_usage_that_is_refused(run: Run, options: list[str], start: str) -> None
 
 
 # eadp schema
-
-
-def test_the_device_of_powprofiler(run: Run, measured: PowerMeasurement) -> None:
-    file = measured("200,100,102,130,132,160,162\n2,5,1,50,10,0.9,0.8\n4,7,2,70,20,0.9,0.7\n")
-    code, out, _ = run("profile", file, "--device", "gpu")
-    assert code == 0
-    lines = out.splitlines()
-    assert lines[2:5] == ["device: gpu", "p200  power [W]  samples", "   2          1        1"]
-    code, _, err = run("profile", file, "--device", "cpu")
-    assert (code, err.splitlines()[0]) == (
-        2,
-        f"{file}:1:1: error: no power of the cpu; expected powprofiler's flag 101",
-    )
-    assert run("profile", PEDNET_MODEL, "--device", "gpu")[2].startswith("--device:1:1: error: a model has its device")

@@ -206,42 +206,6 @@ def test_a_plan_on_standard_input(eadp, monkeypatch):
     assert eadp("simulate", "-").code == 0
 
 
-# --- computations that run at another rate than commanded
-
-STATIC = ("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--planner", "static", "--set", "time_limit_s=20")
-
-
-def columns_of(folder):
-    with (folder / "flight.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
-
-
-def test_power_and_quality_follow_the_rate_at_which_computations_run(eadp, tmp_path):
-    eadp(*STATIC, "-o", tmp_path / "commanded")
-    eadp(*STATIC, "--set", "computations={c2: {rate_ratio: 1.5, max_rate: 7}}", "-o", tmp_path / "actual")
-    commanded, actual = (columns_of(tmp_path / name) for name in ("commanded", "actual"))
-    assert [*actual] == [*commanded, "c2_actual"]
-    assert set(actual["c2"]) == {10}
-    assert set(actual["c2_actual"]) == {7}, "the lower of 1.5 · 10 and 7"
-    g_7_w = (8.68095 + 9.78429) / 2  # the profile's powers at 6 and 8
-    assert commanded["power_w"] - actual["power_w"] == pytest.approx(10.2112 - g_7_w, abs=1e-9)
-    summary, before = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("actual", "commanded"))
-    assert summary["parameters"]["c2"] == {
-        "mean": 10,
-        "first": 10,
-        "last": 10,
-        "changes": 0,
-        "actual_mean": 7,
-        "title": "fps",
-        "unit": "",
-    }
-    assert "actual_mean" not in before["parameters"]["c2"]
-    # c1 is at its maximum, c̃2 = (7 − 2)/8, of the same ground
-    assert summary["quality"] / before["quality"] == pytest.approx((1 + 5 / 8) / 2)
-    assert "fps        10, ran at 7, no change" in eadp(*STATIC, "--set", "computations.c2.max_rate=7").out
-
-
 # --- what is refused
 
 BAD_SETS = [
@@ -249,9 +213,6 @@ BAD_SETS = [
     ("wind.speed_mps=.nan", "not a finite number"),
     ("wind.speed=3", "unknown key wind.speed"),
     ("nosuch=1", "unknown key nosuch"),
-    ("computations.c2.rate_ratio=0", "computations.c2.rate_ratio cannot be 0; expected greater than 0"),
-    ("computations.c1.max_rate=1", "computations.c1.max_rate:1:1: error: the plan has no computation c1; expected one"),
-    ("computations.c2.rate_ratio=0.5", "stage 1: the actual rates leave what was measured: fps=1 is outside"),
     ("planner.name=greedy", "unknown planner greedy"),
     ("vehicle.airframe.model=balloon", "unknown vehicle.airframe.model balloon; expected one of fixed-wing, paper"),
     ("vehicle.max_bank_deg=30", "unknown key vehicle.max_bank_deg; expected vehicle.airframe.max_bank_deg"),

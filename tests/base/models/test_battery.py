@@ -1,7 +1,6 @@
 """The replayed trace; a voltage that falls with the charge."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from common import ROOT
@@ -140,15 +139,3 @@ def test_the_resistance_that_is_assumed_is_near_to_that_of_known_packs(name):
     known = read_vehicle(read_text(str(ROOT / f"vehicles/{name}.yaml"))).battery
     assumed = Battery(cells=known.cells, chemistry=known.chemistry, capacity_ah=known.capacity_ah)
     assert 1 / 1.5 < assumed.resistance_ohm / known.resistance_ohm < 1.5
-
-
-def test_use_and_age_leave_less_capacity_and_more_resistance():
-    new = Battery(cells=6, capacity_ah=5.0)
-    used = Battery(cells=6, capacity_ah=5.0, cycles=200)
-    assert used.capacity_ah == pytest.approx(0.8 * 5)
-    assert used.resistance_ohm / new.resistance_ohm == pytest.approx(2, abs=0.1)
-    assert replace(used, soc=0.5).capacity_ah == used.capacity_ah, "once"
-    assert Battery(capacity_ah=5.0, age_years=2).capacity_ah == pytest.approx(0.96**2 * 5)
-    measured = Battery(cells=6, capacity_ah=5.0, cycles=200, resistance_ohm=0.1)
-    assert measured.resistance_ohm == 0.1, "as it is now"
-    assert Battery().resistance_ohm == 0.05

@@ -8,9 +8,9 @@ import pytest
 from eadp.errors import EadpError
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
-from eadp.models.computing import ComputationRate, join_profile
+from eadp.models.computing import join_profile
 from eadp.models.plan.stage import Box
-from eadp.models.profile import Profile, added
+from eadp.models.profile import Profile
 
 GRID = Profile(
     ("keysize", "fps"), ("bit", ""), np.array([[32, 2], [32, 10], [448, 2], [448, 10]]), np.array([1.0, 5.0, 2.0, 8.0])
@@ -61,46 +61,9 @@ def test_a_plan_without_computations_needs_no_profile():
     assert join_profile(plan("", "[0, 0]\n"), None).power_w((0,), (Box(0, 0),)) == 0.0
 
 
-APART = added([ONE, Profile(("keysize",), ("",), np.array([[32.0], [448.0]]), np.array([1.0, 3.0]))])
-
-
-def test_a_part_that_does_not_run_costs_nothing_while_the_other_runs():
-    both, none = Box(2, 10), Box(0, 0)
-    sets = "[2, 10]\n[32, 448]\n"
-    computing = join_profile(plan("%: computations fps, keysize\n", sets, "[2, 10]\n[0, 0]\n"), APART)
-    assert computing.power_w((6, 240), (both, Box(32, 448))) == 6.0 + 2.0
-    assert computing.power_w((6, 0), (both, none)) == 6.0
-    assert computing.power_w((0, 240), (none, Box(32, 448))) == 2.0
-    assert computing.power_w((0, 0), (none, none)) == 0.0
-
-
-def test_parts_are_found_by_name_in_any_order():
-    computing = join_profile(plan("%: computations keysize, fps\n", "[32, 448]\n[2, 10]\n"), APART)
-    sets = (Box(32, 448), Box(2, 10))
-    assert computing.power_w((32, 10), sets) == 8.0 + 1.0
-    assert computing.levels(0, Box(32, 34)) == (32, 33, 34)
-    assert computing.power_w((0, 2), (Box(0, 0), sets[1])) == 4.0
-
-
 def test_a_configuration_measured_together_still_needs_its_zero():
     with pytest.raises(EadpError, match="stage 2: keysize=0"):
         join_profile(plan("%: computations fps, keysize\n", "[2, 10]\n[32, 448]\n", "[2, 10]\n[0, 0]\n"), GRID)
-
-
-@pytest.mark.parametrize(
-    ("rate", "commanded", "actual"),
-    [
-        (ComputationRate(), 6.0, 6.0),
-        (ComputationRate(0.5), 6.0, 3.0),
-        (ComputationRate(max_rate=4.0), 6.0, 4.0),
-        (ComputationRate(max_rate=4.0), 3.0, 3.0),
-        (ComputationRate(1.5, 7.0), 4.0, 6.0),
-        (ComputationRate(1.5, 7.0), 6.0, 7.0),
-        (ComputationRate(0.5, 0.0), 6.0, 0.0),
-    ],
-)
-def test_the_actual_rate(rate, commanded, actual):
-    assert rate.actual(commanded) == actual
 
 
 def test_the_ends_of_the_sets():

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pytest
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
 from eadp.core.guidance import GRAVITY_MPS2
-from eadp.errors import EadpError
 from eadp.models.vehicle import FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
@@ -62,52 +61,6 @@ def test_a_circle_takes_the_bank_and_the_power_of_a_level_turn(radius):
     assert plane.s[BANK] == pytest.approx(bank, rel=1e-2)
     assert power == pytest.approx(FixedWing().level_power_w(15, bank), rel=2e-3)
     assert math.hypot(plane.s[X], plane.s[Y]) == pytest.approx(radius, abs=0.5)
-
-
-@dataclass(frozen=True)
-class Draggy(FixedWing):
-    """An airframe of another package: its drag is a share of the polar's, and grows with the bank's square besides."""
-
-    share: float = 1.0
-    by_bank: float = 0.0
-
-    def drag_n(self, airspeed_mps, bank_rad=0.0):
-        return self.share * super().drag_n(airspeed_mps, bank_rad) * (1 + self.by_bank * bank_rad**2)
-
-
-@dataclass(frozen=True)
-class Worn(PowerCurve):
-    """A curve whose propulsion takes some watts more."""
-
-    def level_power_w(self, airspeed_mps, bank_rad=0.0):
-        return super().level_power_w(airspeed_mps, bank_rad) + 7.0
-
-
-@pytest.mark.parametrize("radius", [math.inf, 40.0, 70.0])
-@pytest.mark.parametrize("vehicle", [Draggy(), Draggy(share=2.0), Draggy(by_bank=3.0), Worn(), Worn(bank_w=8.0)])
-def test_an_airframe_flies_by_its_own_formulas(vehicle, radius):
-    straight = math.isinf(radius)
-    along = path("-y") if straight else path(f"x^2 + y^2 - {radius}^2")
-    plane = Plane(vehicle=vehicle) if straight else Plane((radius, 0.0), math.pi / 2, vehicle=vehicle)
-    power = fly(plane, along, 60, gain=0.1 if straight else 0.1 / (2 * radius))[-1]
-    assert power == pytest.approx(vehicle.level_power_w(plane.s[AIRSPEED], plane.s[BANK]), rel=1e-3)
-
-
-def test_its_forecast_at_another_airspeed_is_of_its_own_formulas():
-    vehicle = Draggy(share=2.0, by_bank=3.0)
-    for speed, bank in ((12.0, 0.0), (19.0, 0.0), (12.0, math.pi / 4), (19.0, math.pi / 4)):
-        terms, level = vehicle.power_terms(speed), vehicle.cruise_power_w
-        added = vehicle.level_power_w(vehicle.airspeed_mps, math.pi / 4) - level
-        square = math.tan(bank) ** 2
-        watts = terms.level * level + (terms.flat + terms.turn * square) * added + terms.own_w
-        assert watts == pytest.approx(vehicle.level_power_w(speed, bank), rel=1e-9)
-    assert vehicle.level_speeds_mps()[1] < 0.85 * FixedWing().level_speeds_mps()[1]
-    assert vehicle.level_power_w(vehicle.level_speeds_mps()[1]) == pytest.approx(vehicle.max_motion_w, rel=1e-2)
-
-
-def test_a_formula_without_a_drag_is_refused():
-    with pytest.raises(EadpError, match=r"airframe .* W of level flight at .* m/s and a bank"):
-        Plane(vehicle=Draggy(share=-1.0))
 
 
 CURVE = PowerCurve(points=((12.0, 30.0), (15.0, 40.0), (20.0, 90.0)), bank_w=8.0)

@@ -66,15 +66,6 @@ def test_a_weight_of_nothing_that_is_free_gives_no_quality():
     assert logged().quality({"c1": 0.0, "c2": 0.0}) is None
 
 
-def test_quality_counts_the_rate_at_which_a_computation_ran():
-    log = ParameterLog(PLAN, cursor_at(0.0, 10.0), START, lambda values: (values[0], values[1] / 2))
-    log.change(30.0, cursor_at(0.0, 4.0))
-    log.close(40.0)
-    assert log.mean(1) == pytest.approx((10 * 30 + 4 * 10) / 40)
-    assert log.actual_mean(1) == pytest.approx((5 * 30 + 2 * 10) / 40)
-    assert log.mean_share(1) == pytest.approx(30 * (3 / 8) / 40)
-
-
 def test_ground_that_is_not_reached_counts_0():
     log = ParameterLog(PLAN, cursor_at(0.0, 10.0), START)
     log.close(16.0, ((0.0, 240.0), 15.0))

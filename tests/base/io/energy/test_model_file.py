@@ -92,15 +92,6 @@ def test_what_can_be_derived_may_be_left_out() -> None:
         ("mean_w: 36.4\n", "", ["1:1: error: the key mean_w is missing"]),
         ("period_s: 46", "period_s: 0", ["2:1: error: period_s cannot be 0; expected greater than 0"]),
         ("mean_w: 36.4", "mean_w: 1\nmean_w: 2", ["4:1: error: the key mean_w stands twice; expected it once"]),
-        ("mean_w", "periodic: false\nmean_w", ["3:1: error: periodic is false; expected true, by period_s"]),
-        (
-            "mean_w",
-            "coefficients: {a: [1], b: [5]}\nmean_w",
-            [
-                "3:16: error: a is not that of the harmonics; expected [1674.4], or no coefficients",
-                "3:24: error: b is not that of the harmonics; expected [], or no coefficients",
-            ],
-        ),
         (
             "period_s: 46\nmean_w: 36.4\nharmonics: []",
             "period_s: null\nmean_w: 3\nharmonics: [{amplitude_w: 1, phase_rad: 0}]",

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.io.profile.configurations import configurations_to_measure, parse_configuration
-from eadp.io.profile.measurements import Configuration
+from eadp.io.profile.measurements import Configuration, configurations_to_measure, parse_configuration
 
 number = st.integers(-10_000, 10_000).map(lambda k: k / 16)
 

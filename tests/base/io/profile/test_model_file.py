@@ -17,17 +17,16 @@ from hypothesis import strategies as st
 
 from eadp.core.signals import average
 from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, InputError
-from eadp.io.profile.measurements import LARGEST, STD_LIMIT, Configuration, Trace, read_measurements
+from eadp.io.profile.measurements import LARGEST, STD_LIMIT, Configuration
 from eadp.io.profile.model_file import (
-    Sources,
-    json_schema,
+    ProfileFile,
     parse_profile,
     profile_document,
     profile_yaml,
     read_profile,
-    read_profiles,
 )
 from eadp.io.text.streams import Text
+from eadp.io.text.yaml import schema_of
 from eadp.models.profile import Profile
 
 REFERENCE = ROOT.parent / "shared" / "reference" / "profiles"
@@ -140,18 +139,11 @@ def test_powprofilers_flags() -> None:
     assert parse(body, "fps", "keysize").names == ("fps", "keysize")
 
 
-def test_powprofilers_device_and_none_of_its_energy_and_charge() -> None:
+def test_powprofilers_total_and_none_of_its_energy_and_charge() -> None:
     rows = "2,5,3,1,900,540,180,0.9,0.8,0.7\n2,6,3,1,1100,550,180,1,0.8,\n4,7,3,2,x,1,1,,0.8,0.6\n"
-    body = Text("m.csv", f"200,100,101,102,130,131,132,160,161,162\n{rows}")
-    known = {"": ("total", [5.5, 7]), "cpu": ("cpu", [3, 3]), "gpu": ("gpu", [1, 2])}
-    for chosen, (device, power_w) in known.items():
-        profile, _, _ = read_measurements([Trace(body)], [], device=chosen)
-        assert profile.device == device
-        assert profile.power_w.tolist() == power_w
-        assert parse(profile_yaml(profile)) == profile
-    plain = parse("fps,power_w\n2,5\n4,7\n")
-    assert plain.device == ""
-    assert "device" not in profile_document(plain)
+    profile = parse(f"200,100,101,102,130,131,132,160,161,162\n{rows}")
+    assert profile.power_w.tolist() == [5.5, 7]
+    assert parse(profile_yaml(profile)) == profile
 
 
 def test_warning_of_power_that_turns_points_at_its_row() -> None:
@@ -182,7 +174,7 @@ def test_a_power_that_varies_is_warned_of() -> None:
     assert warnings_of(rows(1.001 * limit_w)) == [message]
 
 
-# traces, and computations measured apart
+# traces
 
 
 @pytest.fixture
@@ -206,7 +198,7 @@ STEADY = Configuration(("fps",), ("1/s",), (2.0,))
 def test_traces_with_what_they_were_measured_at(written: Callable[..., list[str]]) -> None:
     files = written(slow=TRACE, table="fps [1/s],power_w\n4,5\n", timed="time_s,power [mW]\n0,7000\n1,7200\n")
     fast = Configuration(("fps",), ("1/s",), (8.0,))
-    profile, warnings = read_profiles(Sources(files, configurations=[STEADY, fast]))
+    profile, warnings = read_profile(files, configurations=[STEADY, fast])
     assert points_of(profile) == {(2,): pytest.approx(3.1), (4,): 5, (8,): pytest.approx(7.1)}
     assert (profile.names, profile.units, profile.source) == (("fps",), ("1/s",), "slow.csv + table.csv + timed.csv")
     assert warnings == [], "nothing about the times of a trace"
@@ -215,7 +207,7 @@ def test_traces_with_what_they_were_measured_at(written: Callable[..., list[str]
 def test_two_traces_at_one_configuration_are_two_runs(written: Callable[..., list[str]]) -> None:
     files = written(a=TRACE, b="power_w\n3.4\n3.6\n", c=TRACE)
     other = Configuration(("fps",), ("1/s",), (4.0,))
-    profile, _ = read_profiles(Sources(files, configurations=[STEADY, STEADY, other]))
+    profile, _ = read_profile(files, configurations=[STEADY, STEADY, other])
     assert profile.standard_error_w[0] == average([[3, 3.2], [3.4, 3.6]]).standard_error
 
 
@@ -231,12 +223,12 @@ def test_two_traces_at_one_configuration_are_two_runs(written: Callable[..., lis
         (
             {"a": "fps,power_w\n2,5\n", "b": "rate,power_w\n4,5\n"},
             {},
-            "b.csv:1:1: error: measurements of rate; expected fps, as in the first file; --add for computations",
+            "b.csv:1:1: error: measurements of rate; expected fps, as in the first file",
         ),
         (
             {"a": "fps,power_w\n2,5\n", "b": "{schema: eadp.profile/1}"},
             {},
-            "b.csv:1:1: error: a model among several files; expected measurements, or --add",
+            "b.csv:1:1: error: a model among several files; expected measurements, or one model",
         ),
         (
             {"a": "{schema: eadp.profile/1}"},
@@ -251,80 +243,9 @@ def test_several_files_that_are_refused(
     written: Callable[..., list[str]], bodies: dict[str, str], options: dict[str, Any], starts: str
 ) -> None:
     with pytest.raises(InputError) as caught:
-        read_profiles(Sources(written(**bodies), **options))
+        read_profile(written(**bodies), **options)
     (fault,) = caught.value.faults
     assert str(replace(fault, file=Path(fault.file).name)).startswith(starts)
-
-
-def test_computations_measured_apart_are_added(written: Callable[..., list[str]]) -> None:
-    one, two = written(one="fps,power_w\n2,5\n4,7\n", two="rate,size,power_w\n1,32,1\n1,64,2\n2,32,2\n2,64,4\n")
-    profile, _ = read_profiles(Sources([one], [two], ["fps", "rate", "keysize"]))
-    assert profile.names == ("fps", "rate", "keysize")
-    assert profile.power_w_at((3, 1.5, 48)) == pytest.approx(6 + 2.25)
-    again, _ = read_profiles(Sources([one], [one], ["a", "b"]))
-    assert again.power_w_at((2, 4)) == 12
-
-
-def test_sums_that_are_refused(written: Callable[..., list[str]]) -> None:
-    one, two, bare = written(
-        one="fps,power_w\n2,5\n4,7\n",
-        two="rate,size,power_w\n1,32,1\n1,64,2\n2,32,2\n2,64,4\n",
-        bare="1,32,1\n2,64,4\n",
-    )
-    with pytest.raises(InputError, match=r"^--add:1:1: error: two of .* parameter fps; expected names of their own"):
-        read_profiles(Sources([one], [one]))
-    with pytest.raises(
-        InputError, match=r"^--names:1:1: error: 1 names for the parameters fps, rate, size; expected 3"
-    ):
-        read_profiles(Sources([one], [two], ["fps"]))
-    with pytest.raises(InputError, match=r"3 columns without names"):
-        read_profiles(Sources([one], [bare]))
-
-
-PARTS = """\
-schema: eadp.profile/1
-parts:
-  - source: "a"
-    parameters:
-      - {name: "fps"}
-    interpolation: pchip
-    points:
-      - {at: [2], power_w: 5, std_w: 0.1, samples: 40, standard_error_w: 0.02}
-      - {at: [4], power_w: 7}
-      - {at: [8], power_w: 9}
-  - source: "b"
-    parameters:
-      - {name: "rate", unit: "Hz"}
-    interpolation: linear
-    points:
-      - {at: [1], power_w: 1}
-      - {at: [3], power_w: 2}
-"""
-
-
-def test_parts_of_a_model() -> None:
-    profile, warnings = parse_profile(Text("m.yaml", PARTS))
-    assert profile.names == ("fps", "rate")
-    assert profile.power_w_at((4, 2)) == 8.5
-    assert profile_yaml(profile) == PARTS
-    assert warnings == []  # that samples are few is known since the model was made
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "fault"),
-    [
-        ('"rate"', '"fps"', "m.yaml:1:1: error: two of the profiles that are added have a parameter fps"),
-        ("    interpolation: linear\n", "    kind: x\n", "m.yaml:14:5: error: unknown key parts.1.kind"),
-        ("at: [3]", "at: [3, 4]", "m.yaml:17:10: error: 2 values for 1 parameters"),
-        ("at: [3]", "at: [1]", "m.yaml:17:10: error: the configuration 1 stands twice"),
-        ("parts:\n", "source: c\nparts:\n", "m.yaml:2:1: error: unknown key source"),
-    ],
-)
-def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
-    assert PARTS.count(old) == 1
-    with pytest.raises(InputError) as caught:
-        parse_profile(Text("m.yaml", PARTS.replace(old, new)))
-    assert first_line(caught.value.faults[0]).startswith(fault)
 
 
 # measurements that are refused
@@ -589,8 +510,7 @@ def profiles(draw: st.DrawFn) -> Profile:
     samples = draw(st.lists(st.integers(1, 2**53), min_size=n, max_size=n).map(np.array))
     units = tuple(draw(st.text(max_size=5)) for _ in range(d))
     errors_w = draw(st.lists(st.one_of(st.just(float("nan")), number.map(abs)), min_size=n, max_size=n).map(np.array))
-    told, device = draw(st.text()), draw(st.sampled_from(["", "total", "gpu", "memory"]))
-    measured = (draw(column), draw(column), samples, "linear", told, errors_w, device)
+    measured = (draw(column), draw(column), samples, "linear", draw(st.text()), errors_w)
     return Profile(tuple(names), units, points, *measured)
 
 
@@ -609,15 +529,11 @@ def test_largest_numbers_still_interpolate() -> None:
 
 
 def test_json_schema_says_what_the_reader_asks_for() -> None:
-    schema = json_schema()
+    schema = schema_of(ProfileFile)
     assert schema["properties"]["schema"]["const"] == "eadp.profile/1"
     assert schema["additionalProperties"] is False
-    assert schema["required"] == ["schema"]
-    assert [choice["required"] for choice in schema["oneOf"]] == [["parameters", "points"], ["parts"]]
-    known = parse("200,100,130\n2,5,50\n4,7,70\n")
-    assert set(schema["properties"]) == {*profile_document(known), "parts"}
-    part = schema["properties"]["parts"]["items"]["$ref"].rpartition("/")[2]
-    assert set(schema["$defs"][part]["properties"]) == set(schema["properties"]) - {"schema", "parts"}
+    assert set(schema["required"]) == {"schema", "parameters", "points"}
+    assert set(schema["properties"]) == set(profile_document(parse("200,100,130\n2,5,50\n4,7,70\n")))
 
 
 # files that are shipped, and published data
@@ -645,8 +561,8 @@ TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
 def test_published_traces_are_the_published_model() -> None:
     files = [reference(name) for name in TRACES]
     model, _ = read_profile(reference("landing_powprofiler_model.csv"), ["fps"])
-    profile, warnings = read_profiles(
-        Sources(files, configurations=[Configuration(("fps",), ("",), (fps,)) for fps in (0.5, 10)])
+    profile, warnings = read_profile(
+        files, configurations=[Configuration(("fps",), ("",), (fps,)) for fps in (0.5, 10)]
     )
     assert warnings == []
     for fps in (0.5, 10.0):  # printed to six digits

@@ -207,7 +207,7 @@ def faults_of(tmp_path, body):
     [
         (
             "wind: {speed_mps: 6,5, from_deg: 270}",
-            "2:19: error: 6,5 has a decimal comma; expected a decimal point, as in 6.5",
+            "2:21: error: unknown key wind.5",
         ),
         (
             "reserve_soc: 0,1",
