@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import os
+import shlex
 import sys
 import traceback
 from collections.abc import Callable
@@ -181,7 +182,7 @@ def main(arguments: list[str]) -> int:
     except Exception as error:
         _debug()
         if isinstance(error, _UsageFault):
-            return _usage(error)
+            return _usage(error, arguments)
         if _follows_interrupt(error):
             return _interrupted()
         what = f"{type(error).__name__}: {error}"
@@ -222,7 +223,7 @@ def _drop_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _usage(error: Exception) -> int:
+def _usage(error: Exception, arguments: list[str]) -> int:
     """A command line that cannot be read, or no command at all, which is answered with the help."""
     message = getattr(error, "format_message", lambda: str(error))().replace("Value error, ", "")
     message = message.replace(_NO_NUMBER, "is no number; expected one with a decimal point, as in 6.3")
@@ -232,9 +233,32 @@ def _usage(error: Exception) -> int:
     if type(error).__name__ == "MissingParameter":  # the first line of each command's help is an example
         example = (error.ctx.command.help or "").partition("\n")[0]  # type: ignore[attr-defined]
         message = f"{message} {example}"
+    if type(error).__name__ == "NoSuchOption":
+        message = _pipe(error, arguments) or message
     plain = escaped(f"eadp: error: {message}\n")
     sys.stderr.write(faults_text([Fault("eadp", 1, 1, message)]) if faults_as_json.get() else plain)
     return BAD_INPUT
+
+
+def _pipe(error: Any, arguments: list[str]) -> str:
+    """What to type in place of an option that `eadp plan` has for all commands that read a plan; else empty."""
+    from eadp.cli.plan import CHANGES
+
+    command = error.ctx.command
+    if error.option_name.lstrip("-") not in CHANGES or all(each.metavar != "PLAN" for each in command.params):
+        return ""
+    flags = {option for each in command.params if getattr(each, "is_flag", False) for option in each.opts}
+    words, file, changes, rest = iter(arguments[1:]), "PLAN", list[str](), list[str]()
+    for word in words:
+        option, _, value = word.partition("=")
+        if word == "-" or not word.startswith("-"):
+            file = word
+            continue
+        taken = changes if option.lstrip("-") in CHANGES else rest
+        taken.append(word)
+        taken += [] if value or option in flags else [next(words, "")]
+    first, then = ["eadp", "plan", file, *changes], ["eadp", arguments[0], "-", *rest]
+    return f"{error.option_name} is an option of eadp plan: {shlex.join(first)} | {shlex.join(then)}"
 
 
 def _debug() -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class VehicleOptions:
-    """In which wind and with which load, and what is printed."""
+    """In which wind and with which load, and what is printed and drawn."""
 
     wind: Annotated[str, Flag(metavar="MPS,…")] = "0,5,8"
     """Speeds of the wind, for endurance and range."""
@@ -31,6 +31,9 @@ class VehicleOptions:
 
     reserve: Annotated[float, Flag(metavar="SHARE")] = 0.05
     """Charge to keep, as a share of the full charge."""
+
+    plot: Annotated[str, Flag("--plot -o", metavar="FILE")] = ""
+    """Draw the power curve: FILE.svg or FILE.png."""
 
     format: Literal["text", "json"] = "text"
     """How to print."""
@@ -56,6 +59,10 @@ def command(
         raise usage_fault("--reserve", f"{reserve:g}", "no share of the charge", "0 or more, below 1")
     winds = _winds(options.wind)
     vehicle, found = use_case.vehicle(file, winds, computing_w=computing, reserve_soc=reserve, warn=warn)
+    if options.plot:
+        from eadp.io.figures.profile import write_vehicle_figure
+
+        write_vehicle_figure(options.plot, vehicle.name, vehicle.airframe, found, computing)
     if options.format == "json":
         emit_json(use_case.performance_document(vehicle, found))
     else:

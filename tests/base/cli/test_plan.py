@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 
 import pytest
 import sympy
@@ -201,6 +202,29 @@ def test_triggers_have_latitudes_where_they_are_numbers(eadp, tmp_path):
     assert first["lat_deg"] == pytest.approx(55 + 300 / 111_324, abs=1e-6)
     assert first["lon_deg"] == pytest.approx(10)
     assert set(second) == {"x", "y"}
+
+
+@pytest.mark.parametrize(
+    ("typed", "pipe"),
+    [
+        (
+            "simulate plans/survey.plan --avoid z.csv -o 'a b'",
+            "eadp plan plans/survey.plan --avoid z.csv | eadp simulate - -o 'a b'",
+        ),
+        (
+            "export --to qgc --laps=3 --inside z.csv -",
+            "eadp plan - --laps=3 --inside z.csv | eadp export - --to qgc",
+        ),
+        (
+            "replan --terrain a.tif -q --terrain b.tif plans/survey.plan --telemetry t",
+            "eadp plan plans/survey.plan --terrain a.tif --terrain b.tif | eadp replan - -q --telemetry t",
+        ),
+    ],
+)
+def test_an_option_that_changes_a_plan_is_answered_with_the_pipe_to_type(eadp, typed, pipe):
+    answer = eadp(*shlex.split(typed))
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err.endswith(f" is an option of eadp plan: {pipe}\n")
 
 
 def test_a_plan_that_is_changed_is_printed_as_a_plan(eadp, tmp_path):

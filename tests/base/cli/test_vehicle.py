@@ -49,12 +49,14 @@ def test_a_range_of_airspeeds_has_energies_a_kilometre(eadp, tmp_path):
     assert "out and back" not in eadp("vehicle", wing).out
 
 
-def test_json(eadp):
-    answer = eadp("vehicle", WING, "--wind", "4", "--computing", "10", "--format", "json")
+def test_json_and_picture(eadp, tmp_path):
+    picture = tmp_path / "power.png"
+    answer = eadp("vehicle", WING, "--wind", "4", "--computing", "10", "--format", "json", "-o", picture)
     document = json.loads(answer.out)
     assert document["schema"] == "eadp.performance/1"
     assert document["winds"][0]["held"]["power_w"] == pytest.approx(46.03, abs=0.01)
     assert document["faults"] == []
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_impossible_values_are_a_no(eadp, tmp_path):
@@ -64,6 +66,14 @@ def test_impossible_values_are_a_no(eadp, tmp_path):
     assert answer.code == 1
     assert "cannot fly so: an airspeed of 6 m/s is below the stall's" in answer.out
     assert "cannot fly so: level flight takes" in answer.out
+
+
+def test_papers_aircraft(eadp, tmp_path):
+    path = tmp_path / "v.yaml"
+    path.write_text("schema: eadp.vehicle/1\nairframe: {model: paper}\n")
+    answer = eadp("vehicle", path, "-o", tmp_path / "p.svg")
+    assert answer.code == 0
+    assert "stalls" not in answer.out
 
 
 def test_all_powers_of_the_text_count_the_computations(eadp):
@@ -88,6 +98,7 @@ def test_all_powers_of_the_text_count_the_computations(eadp):
         ((WING, "--wind", "-1"), "--wind:1:1"),
         ((WING, "--computing", "nan"), "--computing:1:1"),
         ((WING, "--reserve", "1"), "--reserve:1:1"),
+        ((WING, "-o", "power.pdf"), "power.pdf:1:1"),
     ],
 )
 def test_bad_input(eadp, arguments, where):
