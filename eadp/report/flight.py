@@ -459,6 +459,8 @@ def flight_words(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, An
             f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
             f"{percent_text(expected['completes_probability'])}."
         )
+        if expected["turn_back_s"] is not None:
+            words.append(f"By it, home was within reach with the reserve until {expected['turn_back_s']:.0f} s.")
         words += [f"By it, the flight {risk_text(*each.values())}." for each in expected["obstacles"]]
     elif summary["never_past"]:
         words.append(

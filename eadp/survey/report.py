@@ -164,9 +164,8 @@ class CoverageReport:
         motion, lines = self.motion, []
         for end in self.ends:
             spacing = "" if end.spacing_m is None else f", {end.spacing_m:.4g} m apart"
-            lines.append(
-                f"{_counted(end.lines, 'line')}{spacing}, {end.length_m:.0f} m with c1 = {number_text(end.c1)}"
-            )
+            parameter = f" with c1 = {number_text(end.c1)}" if len(self.ends) > 1 else ""
+            lines.append(f"{_counted(end.lines, 'line')}{spacing}, {end.length_m:.0f} m{parameter}")
         swath = f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or more"
         return [f"{swath}; lines {self._heading_text} deg.", *lines]
 

@@ -87,7 +87,6 @@ def test_every_command_on_a_plan_of_one(done, eadp, tmp_path, name):
     rows = [{"time_s": k, "x_m": 12.5, "y_m": 15.0 * k, "power_w": 60, "soc": 0.9} for k in range(8)]
     telemetry.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
     assert eadp("replan", plan, "--telemetry", telemetry, "--log", log).code in (0, 1)
-    done("report", log, "-o", tmp_path / "log.html")
     sweep = tmp_path / "sweep.yaml"
     sweep.write_text(f"schema: eadp.sweep/1\nplan: {plan}\ngrid:\n  wind.speed_mps: [0, 2]\n")
     done("sweep", sweep, "-o", tmp_path / "s.db", "--jobs", "1")

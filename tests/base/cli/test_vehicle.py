@@ -93,7 +93,7 @@ def test_all_powers_of_the_text_count_the_computations(eadp):
     ("arguments", "where"),
     [
         (("nosuch.yaml",), "nosuch.yaml:1:1"),
-        (("scenarios/survey.yaml",), "scenarios/survey.yaml:1:1"),
+        (("scenarios/survey.yaml",), "scenarios/survey.yaml:4:1"),
         ((WING, "--wind", "5,x"), "--wind:1:1"),
         ((WING, "--wind", "-1"), "--wind:1:1"),
         ((WING, "--computing", "nan"), "--computing:1:1"),

@@ -34,7 +34,6 @@ def test_a_circle(sense):
     circle = round_of_50(sense)
     before = on_round(-sense * BACK)
     assert circle.radius_m() == pytest.approx(50)
-    assert circle.turn_m == pytest.approx(100 * math.pi)
     assert circle.nearest(on_round(1.0, 80.0)) == pytest.approx(on_round(1.0))
     assert circle.ahead_m(before) == pytest.approx(50 * BACK)
     assert circle.ahead_m(on_round(sense * BACK)) == pytest.approx(50 * (2 * math.pi - BACK))
@@ -68,7 +67,6 @@ def test_a_line():
     # 3 y = 4 x, travelled up, by (0.6, 0.8)
     line = track("3*y - 4*x", (30.0, 40.0), -1)
     assert line.radius_m() == math.inf
-    assert line.turn_m == math.inf
     assert line.nearest((8.0, -6.0)) == pytest.approx((0, 0), abs=NANOMETRE)
     assert line.ahead_m((8.0, -6.0)) == pytest.approx(50)
     assert line.ahead_m((36.0, 48.0)) == pytest.approx(-10)
@@ -90,7 +88,6 @@ def parabola_m(x):
 def test_a_curve():
     # y = x²/100, travelled to the east; at its lowest point the radius is 1/y'' = 50 m
     curve = track("y - x^2/100", (30.0, 9.0), -1)
-    assert curve.turn_m == math.inf
     assert curve.nearest((0.0, -3.0)) == pytest.approx((0, 0), abs=NANOMETRE)
     assert curve.ahead_m((0.0, 0.0)) == pytest.approx(parabola_m(30), rel=1e-3)
     assert curve.remaining_m((0.0, 0.0), 7.0) == 7.0
