@@ -111,32 +111,9 @@ class PageSource(NamedTuple):
     recognises : function
         Whether a path is such a result.
     data : function
-        The page's data, of the path, the page's path, and where the folders of a sweep's flights are. It may have
-        `Series`, `Steps` and `Decisions`; a mapping in a list may have `steps`, which become keys of its own.
+        The page's data, of the path, the page's path, and where the folders of a sweep's flights are.
     """
 
     kind: str
     recognises: Callable[[Path], bool]
     data: Callable[[Path, Path, str | None], Mapping[str, Any]]
-
-
-class Series(NamedTuple):
-    """Columns over time [s], which the page has thinned; None where there is a gap."""
-
-    times_s: Sequence[float]
-    columns: Mapping[str, Sequence[float | None]]
-
-
-class Steps(NamedTuple):
-    """A column over time [s] that is constant between its changes."""
-
-    times_s: Sequence[float]
-    values: Sequence[Any]
-
-
-class Decisions(NamedTuple):
-    """Re-plannings, as `decisions.jsonl` has them, the columns of the log, and the parameters before the first."""
-
-    rows: Sequence[Mapping[str, Any]]
-    columns: Mapping[str, Sequence[Any]]
-    parameters: Mapping[str, float] | None = None

@@ -24,7 +24,7 @@ from eadp.io.flight import (
     setting_text,
     time_text,
 )
-from eadp.io.page import REPORT, Decisions, Series, Steps, page_html, significant
+from eadp.io.page import REPORT, page_html, significant
 from eadp.io.scenario import Scenario
 from eadp.models.airspace import risk_text
 from eadp.models.battery import LIMITS
@@ -143,11 +143,11 @@ def evenly(count: int, limit: int) -> list[int]:
     return [*range((count - 1) % every, count, every)]
 
 
-def of_errors(series: Series) -> dict[str, Any]:
-    """A series thinned within `ERRORS`, by its columns; those without an error there are powers."""
-    known = [value for values in series.columns.values() for value in values if value is not None]
+def of_errors(times_s: Sequence[float], columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    """Columns over time thinned within `ERRORS`, by their names; those without an error there are powers."""
+    known = [value for values in columns.values() for value in values]
     power_w = max((max(known) - min(known)) * POWER_SHARE, MIN_POWER_W) if known else MIN_POWER_W
-    return thinned(*series, {name: ERRORS.get(name, power_w) for name in series.columns})
+    return thinned(times_s, columns, {name: ERRORS.get(name, power_w) for name in columns})
 
 
 LEVEL_M = 1.0
@@ -279,7 +279,7 @@ def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
         series["altitude"] = {"m": altitude}
     if AIRSPEEDS[0] in columns:
         series["airspeed"] = {"mps": columns[AIRSPEEDS[0]], "commanded_mps": columns[AIRSPEEDS[1]]}
-    return {name: of_errors(Series(times, values)) for name, values in series.items()}
+    return {name: of_errors(times, values) for name, values in series.items()}
 
 
 def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
@@ -306,22 +306,6 @@ def _field(plan: Plan, columns: Mapping[str, Sequence[float]]) -> dict[str, Any]
         "swath_m": plan.site.swath_m,
         "covered": covered and {"t": covered[0], "share": [significant(share) for share in covered[1]]},
     }
-
-
-def finished(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The data of a `PageSource` as a page has them."""
-    steps: dict[str, Any] = _finished(data.get("steps", {}))
-    return {name: _finished(value) for name, value in data.items() if name != "steps"} | steps
-
-
-def _finished(value: Any) -> Any:
-    if isinstance(value, list):
-        return [finished(each) if isinstance(each, dict) else each for each in value]
-    if isinstance(value, Series):
-        return of_errors(value)
-    if isinstance(value, Steps):
-        return changes(*value)
-    return decisions_data(*value) if isinstance(value, Decisions) else value
 
 
 # --- decisions

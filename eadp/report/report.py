@@ -22,7 +22,7 @@ from eadp.io.text.json import json_lines
 from eadp.io.text.streams import Text, output_file, read_text, write_text
 from eadp.io.text.yaml import read_yaml
 from eadp.plug_ins import plug_ins
-from eadp.report.flight import FlownFlight, finished, flight_data
+from eadp.report.flight import FlownFlight, flight_data
 
 
 def _data(path: Path, page: Path, keep: str | None) -> tuple[str, dict[str, Any]]:
@@ -34,7 +34,7 @@ def _data(path: Path, page: Path, keep: str | None) -> tuple[str, dict[str, Any]
             read_text(str(path))  # a file that is missing, or cannot be read, is said to be
             expected = "a folder of eadp simulate -o DIR, or the results of eadp sweep -o FILE.db"
             raise InputError.at(str(path), 1, 1, "is no result that has a page", expected)
-        return source.kind, finished(source.data(path, page, keep))
+        return source.kind, dict(source.data(path, page, keep))
 
 
 @contextmanager
