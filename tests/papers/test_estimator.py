@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from forecast_variance import energy_forecast, forecast_w, forecast_with_variance
-from scipy.integrate import trapezoid
+from forecast_variance import forecast_w, forecast_with_variance
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 
@@ -295,10 +294,6 @@ def test_a_forecast_is_gaussian_conditioning():
     assert power == pytest.approx(wanted, abs=1e-6)
     assert power == pytest.approx(estimator.forecast(middles - times[-1]))
     assert variance == pytest.approx(np.diag(spread), rel=1e-5)
-    energy, energy_variance = energy_forecast(estimator, duration_s)
-    step_s = duration_s / count
-    assert energy == pytest.approx(wanted.sum() * step_s, rel=1e-5)
-    assert energy_variance == pytest.approx(spread.sum() * step_s**2, rel=1e-3)
 
 
 def gaussian(times_s, first, settings):
@@ -336,7 +331,7 @@ def test_forecasts_are_as_sure_as_they_say(learn):
     if learn:
         settings = replace(settings, disturbance_std_w=0.5, disturbance_time_s=10.0, noise_w=1.0)
     times, duration_s = np.arange(0.0, 300.0, 0.25), 60.0
-    errors = {"power soon": [], "power later": [], "energy": []}
+    errors = {"power soon": [], "power later": []}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "DRIFT_SHARE", 0.0)  # what is simulated does not drift
         patch.setattr(module, "MIN_DISTURBANCE_W", 1e-3)
@@ -352,9 +347,6 @@ def test_forecasts_are_as_sure_as_they_say(learn):
             standard = (power[~known] - mean) / np.sqrt(variance)
             errors["power soon"].append(standard[4])
             errors["power later"].append(standard[150])
-            joule, square = energy_forecast(estimator, duration_s)
-            lived = trapezoid(np.concatenate([power[known][-1:], power[~known]]), dx=0.25)
-            errors["energy"].append((lived - joule) / math.sqrt(square))
     low, high = chi2.ppf([SURE, 1 - SURE], runs)
     for name, values in errors.items():
         total = float(np.square(values).sum())
@@ -371,9 +363,6 @@ def test_the_periods_spread_widens_a_forecast_by_its_slope_and_no_farther_than_a
     slope = (forecast_w(STATE_W, PERIOD_S + h, ahead) - forecast_w(STATE_W, PERIOD_S - h, ahead)) / (2 * h)
     assert more[:2] == pytest.approx((0.2 * slope[:2]) ** 2, rel=1e-5)
     assert more[2] <= np.square(STATE_W[1:]).sum() + ROUNDING
-    energy = [energy_forecast(estimator, 1e5)[1] for estimator in (sure, unsure)]
-    omega = 2 * np.pi / PERIOD_S * np.repeat([1, 2, 3], 2)
-    assert energy[1] - energy[0] <= np.square(STATE_W[1:] / omega).sum() * (1 + 1e-6) + 1e-3 * energy[0]
 
 
 def test_the_periods_spread_is_that_of_laps():

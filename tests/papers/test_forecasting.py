@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import quad
 from scipy.linalg import block_diag, expm
 
 from eadp.papers import forecasting
@@ -52,15 +51,6 @@ def van_loan(matrix, noise, duration_s):
     return total, covariance
 
 
-def with_energy(order):
-    """A and noise with the energy as one more state, ė = C x."""
-    size = 2 * order + 3
-    matrix, noise = np.zeros((size + 1, size + 1)), np.zeros((size + 1, size + 1))
-    matrix[:size, :size], matrix[size, :size] = system(order), row(order)
-    noise[:size, :size] = density(order)
-    return matrix, noise
-
-
 @given(orders, durations)
 def test_a_step_is_the_matrix_exponential(order, step_s):
     turn, noise = van_loan(system(order), density(order), step_s)
@@ -79,49 +69,10 @@ def test_power_rows_and_variances(order, ahead):
         assert added[k] == pytest.approx(row(order) @ noise @ row(order), abs=SAME)
 
 
-@given(orders, durations)
-def test_energy_is_one_more_state(order, duration_s):
-    turn, noise = van_loan(*with_energy(order), duration_s)
-    ours = forecast_variance.energy_row(order, PERIOD_S, TIME_S, duration_s)
-    assert ours == pytest.approx(turn[-1, :-1], rel=1e-7, abs=SAME)
-    added = forecast_variance.energy_variance_j2(DRIFT[: order + 1], PERIOD_S, STD_W, TIME_S, duration_s)
-    assert added == pytest.approx(noise[-1, -1], rel=1e-6, abs=SAME)
-
-
-@pytest.mark.parametrize("turns", [0.01, 0.049999, 0.050001, 0.3, 3.0, 80.0])
-def test_what_has_settled_is_its_integral_on_both_sides_of_the_series(turns):
-    wanted, _ = quad(lambda v: (1 - (1 + v) * math.exp(-v)) ** 2, 0, turns, epsabs=0, epsrel=1e-9)
-    assert forecast_variance._settled(turns) == pytest.approx(wanted, rel=1e-5)
-
-
 @pytest.mark.parametrize("duration_s", [0.5, 20.0, 46.0, 300.0])
 def test_slopes_by_the_period(duration_s):
     h = 1e-4
     power = [forecasting.power_rows(3, T, TIME_S, [duration_s]) @ STATE for T in (PERIOD_S - h, PERIOD_S + h)]
-    energy = [forecast_variance.energy_row(3, T, TIME_S, duration_s) @ STATE for T in (PERIOD_S - h, PERIOD_S + h)]
     assert forecast_variance.power_by_period(STATE, PERIOD_S, [duration_s]) == pytest.approx(
         (power[1] - power[0]) / (2 * h), abs=1e-6
     )
-    assert forecast_variance.energy_by_period(STATE, PERIOD_S, duration_s) == pytest.approx(
-        (energy[1] - energy[0]) / (2 * h), abs=1e-5
-    )
-
-
-def test_energy_of_noise_by_a_dense_gaussian_process():
-    """The disturbance alone, from what is known at 0: its covariance at every pair of instants, summed up."""
-    step_s, count = 0.05, 800
-    at = (np.arange(count) + 0.5) * step_s
-    rate = math.sqrt(3) / TIME_S
-
-    def matern(apart):
-        turns = rate * np.abs(apart)
-        return STD_W**2 * (1 + turns) * np.exp(-turns)
-
-    wanted = matern(np.subtract.outer(at, at)).sum() * step_s**2
-    # from the stationary state, whose own part is the row's
-    ours = forecast_variance.energy_row(0, PERIOD_S, TIME_S, count * step_s)
-    spread = np.array([0.0, STD_W, rate * STD_W])
-    total = float(np.square(ours * spread).sum()) + forecast_variance.energy_variance_j2(
-        np.zeros(1), PERIOD_S, STD_W, TIME_S, count * step_s
-    )
-    assert total == pytest.approx(wanted, rel=1e-3)
