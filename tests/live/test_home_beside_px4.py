@@ -74,7 +74,7 @@ def test_before_it_turns_back_that_is_forecast_and_after_it_the_way_home():
             line |= {"flies_mission": False, "returns_home": True}
 
     decisions, _ = replayed("px4-returns-at-50-percent", "land.plan", until_s=292.0, change=as_sent)
-    before = [line for line in decisions if 200 < line["time_s"] < 270]
+    before = [line for line in decisions if 205 < line["time_s"] < 270]
     assert all(line["completes_probability"] < 0.01 for line in before)
     said = [re.search(r"the autopilot turns back below (\S+) %;", line["reason"]) for line in before]
     assert all(30 < float(found[1]) < 45 for found in said)

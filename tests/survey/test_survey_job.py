@@ -65,7 +65,6 @@ COVER = ("cover", "DIR/field.geojson", "--feature", "field", "--scenario", "DIR/
         ((*COVER, "--sorties", "auto", "--resume", "DIR/flown/sortie-01"), 0, "sorties    2, the fewest found"),
         # done is as planned, though ground beside the mast is left
         (("simulate", "DIR/job", "--set", "fps=5"), 0, "done: "),
-        ((*COVER, "--wind", "4,4.19"), 0, "4.19 rad are 240.1°"),
     ],
 )
 def test_each_step(eadp, job, words, code, said):
