@@ -264,12 +264,15 @@ class LiveFlight:
         self._climbs = InitialClimb(sample, mission.cruise_mps, _altitude_m(mission, mission.plan.stages[0]))
         if self._climbs.from_ground:
             mission = self._mission = replace(mission, altitude_m=sample.altitude_m or 0.0)
-        # the flight is in the middle of its plan: it has the parameters that it reports, and reports its stage
+        # the flight is in the middle of its plan: it has the parameters that it reports, within their sets
         within = sample.stage not in (None, 1) or (sample.stages_started or 1) > 1
-        if within:
-            reported = {name: v for name, v in mission.plan.by_name(sample.parameters).items() if not math.isnan(v)}
-            values = zip(mission.plan.names, mission.parameters, strict=True)
-            mission = replace(mission, parameters=tuple([reported.get(name, value) for name, value in values]))
+        if (within or away) and mission.plan.has_sets:
+            plan, values = mission.plan, list(mission.parameters)
+            for name, value in plan.by_name(sample.parameters).items():
+                if name in plan.names and not math.isnan(value):
+                    i = plan.names.index(name)
+                    values[i] = plan.hull(i).clip(value)
+            mission = replace(mission, parameters=tuple(values))
         time_s = min(0.0, elapsed_s)
         self._tracker = PlanTracker(mission, mission.start_m or start if within else start, time_s, self._messages)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)

@@ -27,6 +27,10 @@ MIN_GSD_CM, MAX_GSD_CM = 0.1, 1e3
 """No aircraft in flight resolves a millimetre: most pixels in metres are refused [cm]."""
 MAX_OVERLAP = 99.0
 MAX_ALTITUDE_M = 1e5
+MAX_PIXEL_RATIO = 1.25
+"""Width of a pixel over its height, or the inverse: of pictures cropped from 4:3 to 16:9 it is 1.33, where width and
+height of 5:4 are swapped 1.56."""
+
 Length = Annotated[float, Ge(MIN_LENGTH_MM), Le(MAX_LENGTH_MM)]
 Pixels = Annotated[int, Ge(1), Le(MAX_PIXELS)]
 
@@ -60,6 +64,16 @@ class Camera:
         """The camera with other values, where they are given."""
         other = {key: value for key, value in values.items() if value is not None}
         return replace(self, **other)  # type: ignore[arg-type]
+
+    def faults(self) -> Iterator[tuple[str, str]]:
+        """A key and what is wrong with it: pixels that are far from square."""
+        sides = self.sensor_width_mm, self.sensor_height_mm, self.image_width_px, self.image_height_px
+        if None in sides:
+            return
+        width_mm, height_mm, columns, rows = map(float, sides)  # type: ignore[arg-type]
+        wide_um, high_um = 1000 * width_mm / columns, 1000 * height_mm / rows
+        if max(wide_um, high_um) > MAX_PIXEL_RATIO * min(wide_um, high_um):
+            yield "image_width_px", f"pixels of {wide_um:.3g} by {high_um:.3g} µm, by the sizes of sensor and picture"
 
 
 def ground_m(size_mm: float, focal_length_mm: float, altitude_m: float) -> float:
@@ -115,7 +129,13 @@ def read_camera(name: str) -> Camera:
         expected = f"a camera file (.yaml), or {one_of(CAMERAS, name)}"
         raise InputError.at("--camera", 1, 1, f"no camera {printable(name, 60)}", expected, name)
     document = keys_document(text, SCHEMA)
-    return validated(CameraFile, document, without_nulls(document.value), lambda _: [])
+    expected = "the picture's width and height in the order of the sensor's"
+    return validated(
+        CameraFile,
+        document,
+        without_nulls(document.value),
+        lambda keys: [document.fault((key,), message, expected) for key, message in keys.faults()],
+    )
 
 
 # --- a survey's options and pictures

@@ -585,6 +585,9 @@ def coverage_task(
         warn(found)
     if isinstance(profile, str | PathLike):
         profile = read_profile(profile, warn=warn)
+    if options.turns_off and profile is None:
+        message = "no computations to stop on turns; --profile names some"
+        warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
     options = options.with_camera()
     if (cruises or options.landing is not None or options.takeoff_deg is not None) and options.altitude_m is None:

@@ -160,6 +160,9 @@ _DEGREES = re.compile(r".*(?:CRS84h?|EPSG\W(?:.*\W)?(?:4326|4979|4258|4937))\s*"
 """Names of the reference systems whose numbers are degrees as WGS-84 has them, to a metre."""
 _WEB_MERCATOR = re.compile(r".*\D(?:3857|3785|900913|102100|102113)\s*", re.DOTALL)
 """Of that whose metres are longer than metres away from the equator."""
+_OTHER_LENGTH = re.compile(
+    r"\s*(?:ft|feet|foot|us-ft|yd|yards?|km|kilomet(?:re|er)s?|miles?|cm|mm)(?!\w)", re.IGNORECASE
+)
 _IN_METRES = re.compile(r"\s*(?:m|met(?:re|er)s?)(?![\w/^*·])", re.IGNORECASE)
 
 
@@ -251,7 +254,12 @@ class _GeoJson:
         """Read `units` and `crs` of an object; raises InputError of a reference system that is not read."""
         properties = node.get("properties")
         holders = [node, properties] if isinstance(properties, JsonObject) else [node]
-        if not self._is_stated and any(_IN_METRES.match(str(each.get("units") or "")) for each in holders):
+        units = [str(each.get("units") or "") for each in holders]
+        other = next(filter(_OTHER_LENGTH.match, units), None)
+        if other is not None and not self.metres:
+            expected = "metres, or longitude and latitude in degrees"
+            raise self.source.error((1, 1), f"units of {printable(other, 40)}", expected)
+        if not self._is_stated and any(map(_IN_METRES.match, units)):
             self.degrees = False
         if (crs := node.get("crs")) is None:
             return
@@ -388,8 +396,11 @@ def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
     columns: dict[str, int] = {}
     for i, name in enumerate(head.fields):
         role = _ROLES.get(re.sub(r"[\s\[\]()°-]+", "_", name[:80].lower()).strip("_"))
+        if role in columns:
+            message = f"{printable(name, 40)} after {printable(head.fields[columns[role]], 40)}"
+            raise InputError(head.fault(i, message, "one column of each"))
         if role is not None:
-            columns.setdefault(role, i)
+            columns[role] = i
     degrees, in_metres = {"lon", "lat"} <= set(columns), {"x", "y"} <= set(columns)
     if degrees and (in_metres or metres):
         raise InputError(head.fault(columns["lon"], "a column of degrees", "x_m,y_m or lon,lat, as --metres asks"))

@@ -308,9 +308,9 @@ def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> 
         if flight.error is not None:
             ET.SubElement(test, "error", message=printable(flight.error, 2000))
         elif not meets(flight, require):
-            ET.SubElement(test, "failure", message=f"{flight.reason or 'not completed'}{kept}")
+            ET.SubElement(test, "failure", message=printable(f"{flight.reason or 'not completed'}{kept}", 500))
         if (note := _solver_text([flight])) is not None:
-            ET.SubElement(test, "system-out").text = note
+            ET.SubElement(test, "system-out").text = printable(note, 2000)
     counts = {f"{kind}s": str(len(suite.findall(f"testcase/{kind}"))) for kind in ("failure", "error")}
     suite.attrib |= {"name": name, "tests": str(len(all_flights)), **counts}
     ET.indent(suite)

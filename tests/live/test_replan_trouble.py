@@ -207,3 +207,14 @@ def test_a_failed_solver_shows_in_decisions_and_in_the_exit_code(capsys):
     assert failed > 10
     assert "eadp: warning: OSQP does not solve, at" in shown.err
     assert f"OSQP did not solve: {failed // 2} decisions by the fallback" in shown.err
+
+
+def test_parameters_of_a_first_report_stay_within_their_sets(eadp, tmp_path):
+    """The flight begins in its middle with what it reports: never with what the plan does not allow."""
+    row = {"time_s": 0, "x_m": -100, "y_m": 150, "power_w": 50, "soc": 0.8, "stage": 3}
+    path = tmp_path / "telemetry.jsonl"
+    path.write_text(json.dumps({**row, "parameters": {"c1": -1e6, "c2": 1e9}}) + "\n")
+    answer = eadp("replan", "plans/survey.plan", "--scenario", "scenarios/survey.yaml", "--telemetry", path)
+    line = json.loads(answer.out.splitlines()[0])
+    assert line["parameters"] == line["in_force"] == {"c1": -1000.0, "c2": 10.0}
+    assert "outside its set; clipped" in answer.err
