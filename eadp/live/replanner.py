@@ -1,8 +1,7 @@
 """The planner on a stream of telemetry, line by line, with a log from which it resumes after a kill.
 
 The log has every sample read and every decision, one JSON object a line with a `kind`: `start`, with a hash of the
-inputs; `telemetry`; `decision`; `mission`, the stages of the items of a mission that was
-uploaded.
+inputs; `telemetry`; `decision`; `mission`, the stages of the items of a mission that was uploaded.
 """
 
 from __future__ import annotations

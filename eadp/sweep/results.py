@@ -315,7 +315,7 @@ class Results:
         """SQLite's errors as faults of the file."""
         try:
             yield
-        except (sqlite3.Error, ValueError) as error:  # SQLite quotes a damaged file in its own errors
+        except (sqlite3.Error, json.JSONDecodeError) as error:  # SQLite quotes a damaged file in its own errors
             raise _fault(self._path, error) from None
 
 
