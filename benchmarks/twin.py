@@ -602,11 +602,13 @@ def paced(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
 def forecasts(joint: Flown) -> Iterator[dict[str, float]]:
     """Errors of the decisions' forecasts of a completed flight, from 10 % of it on.
 
-    `known` is 1 after the last loss of charge, and 2 where the parameters do not change any more, too.
+    `known` is 1 after the last loss of charge, and 2 where the parameters do not change any more; `path` is whether
+    lines of the spacing flown then are flown to the end.
     """
     final = joint.decisions[-1]["parameters"] if joint.decisions else {}
     changes_s = [decision["time_s"] for decision in joint.decisions if decision["parameters"] != final]
     changed_s = max([joint.last_loss_s, *changes_s])
+    wider_s = max((each["time_s"] for each in joint.decisions if each["parameters"]["c1"] != final["c1"]), default=-1.0)
     for decision in joint.decisions:
         part = decision["time_s"] / joint.time_s
         if part < 0.1 or decision["remaining_s"] is None or decision["soc_end_forecast"] is None:
@@ -615,6 +617,7 @@ def forecasts(joint: Flown) -> Iterator[dict[str, float]]:
         yield {
             "part": part,
             "known": (decision["time_s"] > joint.last_loss_s) + (decision["time_s"] > changed_s),
+            "path": decision["time_s"] > wider_s,
             "time": (decision["time_s"] + decision["remaining_s"]) / joint.time_s - 1,
             "charge": error,
             "z": math.nan if decision["soc_end_std"] is None else error / max(decision["soc_end_std"], 1e-9),
@@ -716,20 +719,19 @@ def report_paced(results: list[dict[str, Any]]) -> None:
         mean = statistics.fmean(each.u * each.completed for each in flown)
         limit = bounds[0] if name == "fixed" else bound
         # near the end the deviation is that of the gauge's last step
-        z = [
-            [e["z"] for e in forecasts(each) if abs(e["z"]) >= 0 and e["part"] < 0.9]
-            for each in flown
-            if each.completed
+        errors = [
+            [e for e in forecasts(each) if abs(e["z"]) >= 0 and e["part"] < 0.9] for each in flown if each.completed
         ]
-        z = [values for values in z if values]
+        z, settled = (
+            [values for each in errors if (values := [e["z"] for e in each if e["path"] >= path])] for path in (0, 1)
+        )
         rows.append(
             [
                 *(title, f"{mean:.3f}", f"{limit:.3f}", f"{mean / limit:.2f}"),
                 f"{sum(r[name].completed for r in lowest)} of {len(lowest)}",
                 f"{sum(r[name].rank[0] for r in lowest)} of {len(lowest)}",
                 f"{statistics.fmean(each.time_s for each in flown):.0f}",
-                f"{rms(rms(values) for values in z):.2f}",
-                f"{statistics.fmean(statistics.fmean(abs(v) <= 2 for v in values) for values in z):.3f}",
+                *(cell for each in (z, settled) for cell in spread(each)),
                 f"{statistics.fmean(r['cpu_s'][name] for r in results):.1f}",
                 f"{statistics.fmean(1e3 * r['cpu_s'][name] / r[name].time_s for r in results):.1f}",
             ]
@@ -743,12 +745,20 @@ def report_paced(results: list[dict[str, Any]]) -> None:
         print(f"where the battery suffices for the highest parameters: {mean}")
 
 
+def spread(z: list[list[float]]) -> tuple[str, str]:
+    """Root mean square of z, and the share within 2 σ: each flight has the same weight."""
+    inside = statistics.fmean(statistics.fmean(abs(v) <= 2 for v in values) for values in z)
+    return f"{rms(rms(values) for values in z):.2f}", f"{inside:.3f}"
+
+
 PACED_COLUMNS = (
     *("airspeed", "U, all", "of a clairvoyant", "ratio", "completed of those that can be", "reserves kept of these"),
     *(
         "mean time [s]",
         "charge at the end, from 10 to 90 % of a flight: z, rms",
         "within 2 σ",
+        "since the last change of the path: z, rms",
+        "within 2 σ then",
         "CPU of `eadp replan` [s]",
         "a second of flight [ms]",
     ),
