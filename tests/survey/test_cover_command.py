@@ -421,8 +421,9 @@ def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, al
 
 @pytest.mark.slow
 def test_holes_that_are_not_flown_over(eadp, tmp_path):
-    path = tmp_path / "field.csv"
-    path.write_text("x_m,y_m,ring\n0,0,0\n600,0,0\n600,400,0\n0,400,0\n250,150,1\n330,150,1\n330,260,1\n250,260,1\n")
+    path = tmp_path / "field.geojson"
+    hole = [[250, 150], [330, 150], [330, 260], [250, 260]]
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [[[0, 0], [600, 0], [600, 400], [0, 400]], hole]}))
     arguments = ("cover", path, "--metres", "--min-radius", "25", "--swath", "40", "--format", "json")
     over, round_them = (json.loads(eadp(*arguments, "--holes", holes).out) for holes in ("cover", "avoid"))
     assert (over["obstacles"], round_them["obstacles"]) == (0, 1)
