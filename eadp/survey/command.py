@@ -118,8 +118,7 @@ def command(
     if plot is not None:
         from eadp.survey.figures import write_coverage_figure
 
-        report = found.report
-        write_coverage_figure(plot, report.field, report.titled_paths(), report.motion.swath_m, report.left)
+        write_coverage_figure(plot, found.field, found.titled_paths, found.motion.swath_m, found.left)
     if wanted == "json":
         emit_json(found.document)
         return 0

@@ -258,7 +258,7 @@ class SortiePlanner:
             expected = f"{len(found.sorties)} or more"
             raise InputError.at("--sorties", 1, 1, "too few for the packs", expected, f"{self.options.count}")
         if not laps and self._request.space is not None:
-            whole = [planned(each.plan.report.field, draft=False) for each in found.sorties]
+            whole = [planned(each.plan.field, draft=False) for each in found.sorties]
             found = found._replace(sorties=whole)
         return SortiePlan(self, ground, found)
 
@@ -281,7 +281,7 @@ class SortiePlanner:
         if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
             share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
             spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
-        return PlannedSortie(planned.report.solution, planned, inputs, found, spare)
+        return PlannedSortie(planned.solution, planned, inputs, found, spare)
 
     def _min_count(self, sample: FlightInputs, division: Division) -> int:
         """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
@@ -323,7 +323,7 @@ class SortiePlan:
     @cached_property
     def sorties(self) -> list[PlannedSortie]:
         """The sorties as the scenario's planner forecasts them."""
-        return [self.planner.sortie(each.solution, each.plan.report.field, held=False) for each in self.divided.sorties]
+        return [self.planner.sortie(each.solution, each.plan.field, held=False) for each in self.divided.sorties]
 
     @property
     def names(self) -> list[str]:

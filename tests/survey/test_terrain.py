@@ -96,7 +96,7 @@ def flown_as_planned(field, terrain, wind, *, altitude_m=80.0, gentle=False, fol
     again = read_terrain([terrain], points[::50], site.origin_deg)
     above_m = columns["altitude_m"] + site.ground_m - again.heights_m(points)
     straight = np.array([stage.kind == "line" for stage in found.plan.stages])[columns["stage"].astype(int) - 1]
-    on_line = straight & holding([found.report.field.outline], points)[0]
+    on_line = straight & holding([found.field.outline], points)[0]
     assert on_line.sum() > 100
     assert above_m[on_line].min() >= limits.line_m - ROUNDING_M
     assert above_m.min() >= limits.clearance_m
