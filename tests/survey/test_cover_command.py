@@ -438,7 +438,7 @@ def test_bad_limits(eadp, limits, tmp_path):
     (tmp_path / "bow.csv").write_text("x_m,y_m\n0,0\n100,100\n100,0\n0,100\n")
     answer = eadp("cover", *limits, "--inside", tmp_path / "bow.csv")
     assert answer.code == 2
-    assert "bow.csv:2:1: error: the outline crosses itself at (50.00, 50.00) m" in answer.err
+    assert "bow.csv:1:1: error: the outline crosses itself at (50.00, 50.00) m" in answer.err
     (tmp_path / "all.csv").write_text("x_m,y_m\n-99,-99\n999,-99\n999,999\n-99,999\n")
     answer = eadp("cover", *limits, "--avoid", tmp_path / "all.csv")
     assert (answer.code, answer.out) == (1, "")
