@@ -45,16 +45,12 @@ from eadp.survey.coverage import PATTERNS, CoverageRequest, CoverageSolution, ch
 from eadp.survey.coverage import cover as cover_field
 from eadp.survey.features import NAME_LIMIT
 from eadp.survey.field_reader import read_airspace, read_field, read_field_text
-from eadp.survey.ground import (
-    FLAT_M,
-    Heights,
-    TerrainTask,
-)
 from eadp.survey.heights import (
     Climbing,
     FinalApproach,
     Ground,
     Lack,
+    TerrainTask,
     clear_circle,
     climb_lack,
     climbed_first,
@@ -66,8 +62,11 @@ from eadp.survey.heights import (
 )
 from eadp.survey.options import CoverageOptions, place_of, point_of
 from eadp.survey.plan_builder import FieldComputations, PlanCommands, build_plan
-from eadp.survey.report import CoveragePlan, Pack, PathReport
+from eadp.survey.report import CoveragePlan, Heights, Pack, PathReport
 from eadp.survey.swaths import CoverageLeg, MotionLimits
+
+FLAT_M = 1000.0
+"""Extent of a field from which on it is said that its ground is taken as flat [m]."""
 
 LOWER_M, MIN_APPROACH_M = 10.0, 30.0
 """Step of the heights from which a final approach is tried, and the least: lower, an autopilot has no time to line up

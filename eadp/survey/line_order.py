@@ -42,8 +42,8 @@ VISITS_PER_LINE = 500
 MAX_VISITS = 50_000
 """Limits of the search: perturbations, and visits to a line; counted, not timed, so that results repeat.
 
-Measured on fields of 15 to 80 lines, some in wind: within 1 % of what a general solver of routing problems finds in 10 s,
-in 0.3 s at most.
+Measured on fields of 15 to 80 lines, some in wind: within 1 % of what a general solver of routing problems finds in 10
+s, in 0.3 s at most.
 """
 
 

@@ -11,6 +11,9 @@ from dataclasses import field as dataclass_field
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import (
@@ -21,18 +24,14 @@ from eadp.core.geometry.polygons import (
     uncovered,
 )
 from eadp.io.plan.writer import plan_text
-from eadp.models.airspace import Field
+from eadp.models.airspace import CLEARANCE_M, Field
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
-from eadp.survey.ground import (
-    HOME_TEXT,
-    HeightReport,
-    Heights,
-)
+from eadp.survey.heights import HeightProfile
 from eadp.survey.swaths import CoveragePath, MotionLimits
 
 FULL = 0.9999
@@ -147,6 +146,99 @@ def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None
 def area_text(area_m2: float) -> str:
     """An area, for people."""
     return f"{area_m2 / 1e4:.2f} ha" if area_m2 >= 1000 else f"{area_m2:.0f} m²"
+
+
+# --- heights above ground
+
+HOME_POINTS = 25
+"""Points in a row on a way home."""
+
+HOME_TEXT = "way home   clear of ground and obstacles at {:g} m (home.altitude_m, RTL_ALTITUDE)"
+"""What is said of the altitude of the way home."""
+
+WAYS_HOME = 200
+"""Ways home that are tried, at least."""
+
+
+class Heights(NamedTuple):
+    """The heights of a flight over its ground: its profile, and home [m]."""
+
+    profile: HeightProfile
+    home_m: Point
+
+    @property
+    def home_altitude_m(self) -> int:
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
+        ground, points_m = self.profile.ground, self.profile.samples.points_m
+        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, CLEARANCE_M)
+        ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
+        ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
+        top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
+        return math.ceil(top_m + ground.limits.clearance_m)
+
+
+class HeightReport(NamedTuple):
+    """The heights of one flight, or of sorties together.
+
+    `width_m` is that of a picture on lines at their height, `apart_m` the distance of the lines [m], and `gsd_cm` the
+    size of a pixel [cm].
+    """
+
+    flights: Sequence[Heights]
+    width_m: float
+    apart_m: float | None
+    gsd_cm: float | None
+
+    def _joined(self, name: str) -> FloatArray:
+        """An array of all profiles."""
+        return np.concatenate([getattr(each.profile, name) for each in self.flights])
+
+    @property
+    def home_altitude_m(self) -> int:
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
+        return max(each.home_altitude_m for each in self.flights)
+
+    def document(self) -> dict[str, Any]:
+        """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
+        ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
+        line_m, elsewhere_m = ground.limits.line_m, [each.profile.elsewhere_m for each in self.flights]
+        # pictures are as wide as their height above the ground
+        widths_m = self.width_m * self._joined("overlapping_m") / line_m
+        return {
+            "zero_m": ground.zero_m,
+            "ground_m": [float(ground_m.min()), float(ground_m.max())],
+            "height_m": _range(above_m),
+            "height_elsewhere_m": min((up_m for up_m in elsewhere_m if up_m is not None), default=None),
+            "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
+            "home_altitude_m": self.home_altitude_m,
+            "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
+            "side_overlap": None if self.apart_m is None else _range(1 - self.apart_m / widths_m),
+        }
+
+    def text(self) -> list[str]:
+        """For people, of the same."""
+        values = self.document()
+        (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
+        least, mean, most = values["height_m"]
+        elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
+        lines = [
+            f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
+            f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
+            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
+        ]
+        said = []
+        if (pixels := values["gsd_cm"]) is not None:
+            said.append(f"pixels of {pixels[0]:.2g} to {pixels[2]:.2g} cm, mean {pixels[1]:.2g} cm")
+        if (shares := values["side_overlap"]) is not None:
+            least, mean, most = (100 * share for share in shares)
+            said.append(f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %")
+        lines += [f"on ground  {'; '.join(said)}"] if said else []
+        return [*lines, HOME_TEXT.format(values["home_altitude_m"])]
+
+
+def _range(values: FloatArray) -> list[float]:
+    """Least, mean and greatest."""
+    return [float(values.min()), float(values.mean()), float(values.max())]
 
 
 # --- a plan

@@ -39,9 +39,17 @@ from eadp.survey.coverage import (
     LineGrid,
     cover,
 )
-from eadp.survey.ground import HeightReport
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division
-from eadp.survey.report import FULL, CoveragePlan, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
+from eadp.survey.report import (
+    FULL,
+    CoveragePlan,
+    HeightReport,
+    LeftGround,
+    covered_by_lines,
+    left_ground,
+    left_text,
+    rounded_deg,
+)
 from eadp.survey.swaths import CoveragePath
 
 SCHEMA: Final = "eadp.sorties/1"

@@ -147,7 +147,7 @@ def test_the_camera_goes_with_the_sorties(eadp, tmp_path):
     document = json.loads((out / "sorties.json").read_text())
     # 6000 pixels of 1 cm are 60 m, 12 mm by 10 mm from 50 m; a quarter of 40 m
     assert document["gsd_cm"] == pytest.approx(1)
-    shot = {"name": "mine", "altitude_m": 50, "width_m": 60, "distance_m": 10, "max_forward_overlap": 1 - 15 / 40}
+    shot = {"name": "mine", "altitude_m": 50, "width_m": 60, "distance_m": 10}
     assert document["camera"] == pytest.approx(shot)
     assert document["pictures"] == sum(row["pictures"] for row in document["sorties"])
     assert document["pictures"] == pytest.approx(600 * 400 / (30 * 10), rel=0.15)
