@@ -60,11 +60,6 @@ class Camera:
     picture_interval_s: Annotated[float, Gt(0), Le(60)] | None = None
     """Shortest time between two pictures [s]."""
 
-    def with_values(self, **values: float | None) -> Camera:
-        """The camera with other values, where they are given."""
-        other = {key: value for key, value in values.items() if value is not None}
-        return replace(self, **other)  # type: ignore[arg-type]
-
     def faults(self) -> Iterator[tuple[str, str]]:
         """A key and what is wrong with it: pixels that are far from square."""
         sides = self.sensor_width_mm, self.sensor_height_mm, self.image_width_px, self.image_height_px
@@ -200,9 +195,8 @@ class CameraOptions:
             If there is no such camera, or the altitude is given as well, or cannot follow.
         """
         camera = Camera() if self.camera is None else read_camera(self.camera)
-        camera = camera.with_values(**{key: getattr(self, key) for key in _CAMERA_KEYS})
-        name = printable(" ".join(camera.name.split()), NAME_LIMIT)
-        found = replace(self, camera=name or None, **{key: getattr(camera, key) for key in _CAMERA_KEYS})
+        values = {key: getattr(each, key) for each in (camera, self) for key in _CAMERA_KEYS if getattr(each, key)}
+        found = replace(self, camera=printable(" ".join(camera.name.split()), NAME_LIMIT) or None, **values)
         if self.gsd_cm is None:
             return found
         if self.altitude_m is not None:
@@ -309,15 +303,6 @@ class Pictures(NamedTuple):
         rounded_cm = None if pixel_cm is None else round(pixel_cm, 6)
         return SurveyCamera(self.shot.camera or "", round(self.altitude_m, 3), rounded_cm)
 
-    @property
-    def max_forward_overlap(self) -> float | None:
-        """Largest forward overlap for which the camera is quick enough on the fastest lines; below 0 with gaps."""
-        shortest_s, length_m = self.shot.picture_interval_s, self.shot.picture_length_m
-        if not shortest_s or length_m is None or self.shot.forward_overlap is None:
-            return None
-        # 1 − v t / L
-        return 1 - self.speed_mps * shortest_s / length_m
-
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
         shot, distance_m, overlap = self.shot, self.shot.picture_distance_m, self.shot.forward_overlap
@@ -327,8 +312,6 @@ class Pictures(NamedTuple):
         if distance_m is None or overlap is None:
             return [f"camera     {'; '.join(parts)}"]
         parts += [f"one each {distance_m:.1f} m, forward overlap {overlap:.0f} %", f"{self.number} in all"]
-        if (most := self.max_forward_overlap) is not None:  # rounded down: what is printed is possible
-            parts.append(f"up to {100 * most // 1:.0f} % on the fastest lines")
         return [f"camera     {'; '.join(parts)}"]
 
     def doubts(self) -> Iterator[Doubt]:
@@ -352,7 +335,6 @@ def pictures_document(pictures: Pictures | None) -> dict[str, Any]:
         "altitude_m": shot.altitude_m,
         "width_m": shot.width_m,
         "distance_m": shot.picture_distance_m,
-        "max_forward_overlap": pictures.max_forward_overlap,
     }
     overlap = None if shot.forward_overlap is None else shot.forward_overlap / 100
     return {"forward_overlap": overlap, "pictures": pictures.number, "gsd_cm": shot.pixel_cm, "camera": camera}

@@ -79,16 +79,21 @@ def command(
         raise usage_fault("--out", out, f"standard output is taken by --format {wanted}", "a file")
     divided = division != SortieOptions()
     if divided:
-        from eadp.io.text.streams import check_new_folder
-
         if plot is not None:
             raise usage_fault("--plot", plot, "beside sorties", "-o DIR, whose folder has a picture")
         if out is not None:
+            from eadp.io.text.streams import check_new_folder
+
             check_new_folder(out, force=output.force)
-    _check_outputs(
-        [] if file == "-" or "\0" in file else [os.path.realpath(file)],
-        {"--out": None if divided else out, "--plot": plot},
-    )
+    if plot is not None:
+        from eadp.io.figures.canvas import check_figure_name
+
+        check_figure_name(plot)
+    for option, path in (("--out", None if divided else out), ("--plot", plot)):
+        if path not in (None, "-") and not Path(path).absolute().parent.is_dir():
+            raise usage_fault(option, path, "no such folder", "a file in an existing folder")
+        if file != "-" and path is not None and os.path.realpath(path) == os.path.realpath(file):
+            raise usage_fault(option, path, "is the field's own file", "a file of its own")
     name = "<stdin>" if file == "-" else file
     files = {"profile": given.profile, "scenario": given.scenario, "vehicle": given.vehicle}
     if divided:
@@ -118,8 +123,7 @@ def command(
     if plot is not None:
         from eadp.survey.figures import write_coverage_figure
 
-        report = found.report
-        write_coverage_figure(plot, report.field, report.titled_paths(), report.motion.swath_m, report.left)
+        write_coverage_figure(plot, found.field, found.titled_paths, found.motion.swath_m, found.left)
     if wanted == "json":
         emit_json(found.document)
         return 0
@@ -140,21 +144,3 @@ def _sorties(plan: SortiePlan, output: CoverOutputs, wanted: str) -> int:
         return 0
     emit("\n".join([*plan.lines(), *([f"written    {output.out}"] if output.out else [])]))
     return 0
-
-
-def _check_outputs(taken: list[str], outputs: dict[str, str | None]) -> None:
-    """Refuse, before anything is written, a file that cannot be written and one that is used twice."""
-    from eadp.io.figures.canvas import check_figure_name
-    from eadp.io.text.streams import output_file
-
-    for option, name in outputs.items():
-        if name is None or name == "-":
-            continue
-        if option == "--plot":
-            check_figure_name(name)
-        path = str(output_file(name))
-        if not Path(name).absolute().parent.is_dir():
-            raise usage_fault(option, name, "no such folder", "a file in an existing folder")
-        if path in taken:
-            raise usage_fault(option, name, "is the field's own file, or the plan's", "a file of its own")
-        taken.append(path)

@@ -18,7 +18,6 @@ from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.errors import Fault, Infeasible, InputError, one_of, printable, refuse
 from eadp.io.flight import setting_text
-from eadp.io.plan.writer import plan_text
 from eadp.io.scenario import read_scenario
 from eadp.io.text.options import check_range
 from eadp.io.text.streams import read_text
@@ -46,16 +45,12 @@ from eadp.survey.coverage import PATTERNS, CoverageRequest, CoverageSolution, ch
 from eadp.survey.coverage import cover as cover_field
 from eadp.survey.features import NAME_LIMIT
 from eadp.survey.field_reader import read_airspace, read_field, read_field_text
-from eadp.survey.ground import (
-    FLAT_M,
-    Heights,
-    TerrainTask,
-)
 from eadp.survey.heights import (
     Climbing,
     FinalApproach,
     Ground,
     Lack,
+    TerrainTask,
     clear_circle,
     climb_lack,
     climbed_first,
@@ -67,8 +62,11 @@ from eadp.survey.heights import (
 )
 from eadp.survey.options import CoverageOptions, place_of, point_of
 from eadp.survey.plan_builder import FieldComputations, PlanCommands, build_plan
-from eadp.survey.report import CoveragePlan, CoverageReport, Pack
+from eadp.survey.report import CoveragePlan, Heights, Pack, PathReport
 from eadp.survey.swaths import CoverageLeg, MotionLimits
+
+FLAT_M = 1000.0
+"""Extent of a field from which on it is said that its ground is taken as flat [m]."""
 
 LOWER_M, MIN_APPROACH_M = 10.0, 30.0
 """Step of the heights from which a final approach is tried, and the least: lower, an autopilot has no time to line up
@@ -372,10 +370,12 @@ class CoverageTask:
             legs = nominal_legs(plan, [plan.hull(i).hi for i in range(len(plan.parameters))])
             clear_m = clear_home_m(plan, legs, self.home_m, self.airframe)
             plan = replace(plan, site=plan.site._replace(home_altitude_m=clear_m))
-        report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution)
-        comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
-        notes, text = [*self.repairs, *self.flown_over], comments + plan_text(plan)
-        return CoveragePlan(plan, text, report, notes, pictures, self.pack, heights, self.autopilot)
+        site_field, c1s = replace(field, airspace=self.airspace), dict.fromkeys((0.0, solution.min_c1))
+        ends = tuple(PathReport.of(solution, site_field, motion, c1) for c1 in c1s)
+        notes = [*self.repairs, *self.flown_over]
+        return CoveragePlan(
+            plan, site_field, motion, solution, ends, notes, pictures, self.pack, heights, self.autopilot
+        )
 
     def _over(self, ground: Ground, solution: CoverageSolution, home_m: Point) -> tuple[CoverageSolution, Heights]:
         """A path with its altitudes over a ground, and these. Raises Infeasible as `over_terrain`."""
@@ -527,28 +527,10 @@ def cover(
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
     found = task.planned(task.solution())
-    aircraft, slower = found.aircraft, found.slower
     if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
-        turns_back_soc = [0.0]
-
-        def energy_wh(c1: float) -> float | None:
-            """As forecast, with every computation at its highest."""
-            nonlocal aircraft, slower
-            plan = held_at(found.plan, "lo" if c1 < 0 else "hi", "hi")
-            inputs = load_flight(plan, scenario=given, profile=profile, overrides=keys)
-            forecast = inputs.at_one_airspeed().preflight(whole=False)
-            if forecast is None:
-                return None
-            aircraft = setting_text(inputs.scenario)
-            slower = slower if c1 < 0 else inputs.at_min_energy()
-            turns_back_soc.append(forecast.turns_back_soc)
-            return forecast.forecast.energy_wh
-
         try:
-            report = found.report.with_energy(energy_wh)
-            pack = found.pack and found.pack._replace(turns_back_soc=max(turns_back_soc))
-            found = replace(found, report=report, pack=pack, aircraft=aircraft, slower=slower)
+            found = _with_energy(found, given, profile, keys)
         except InputError as error:
             # the path takes vehicle and wind alone from a scenario, which may be of another plan
             if any(fault.file not in (given, *(f"--set {key}" for key in keys)) for fault in error.faults):
@@ -557,6 +539,23 @@ def cover(
             warn([replace(first, message=f"no energy is stated: {first.message}", severity="note")])
     warn(picture_warnings(found.pictures))
     return found
+
+
+def _with_energy(
+    found: CoveragePlan, scenario: str | None, profile: File | Profile | None, keys: dict[str, Any]
+) -> CoveragePlan:
+    """A plan with its energy at each end of c1 as forecast, with every computation at its highest."""
+    ends, turns_back_soc = [], 0.0
+    for end in found.ends:
+        plan = held_at(found.plan, "lo" if end.c1 < 0 else "hi", "hi")
+        inputs = load_flight(plan, scenario=scenario, profile=profile, overrides=keys)
+        forecast = inputs.at_one_airspeed().preflight(whole=False)
+        if forecast is None:
+            return found
+        ends.append(replace(end, energy_wh=forecast.forecast.energy_wh))
+        turns_back_soc = max(turns_back_soc, forecast.turns_back_soc)
+        found = replace(found, aircraft=setting_text(inputs.scenario))
+    return replace(found, ends=tuple(ends), pack=found.pack and found.pack._replace(turns_back_soc=turns_back_soc))
 
 
 def picture_warnings(pictures: Pictures | None) -> list[Fault]:

@@ -11,10 +11,9 @@ Source: letter, Sec. IV-A; Dubins 1957 for the turns between lines.
 from __future__ import annotations
 
 import functools
-import heapq
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -485,20 +484,17 @@ def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> Lin
 
 
 class _LineSet(NamedTuple):
-    """Lines at a heading, each in both directions, in one of three states: as they are, `cut`, and with `costs`.
+    """Lines at a heading, each in both directions, with their costs.
 
-    `time_s` is a lower bound of an order's time, or with `costs` the time of a quick order; both count lines that were
-    lost to obstacles. `number` is the set's place among all that are tried, from 0, and decides between equal times.
-    `places` is the number of lines beside each other, and `cut` whether the lines are cut to the free space.
+    `time_s` is that of a quick order, and counts lines that were lost to obstacles. `number` is the set's place among
+    all that are tried, and decides between equal times.
     """
 
     time_s: float
     number: int
     heading_rad: float
     directed: list[CoverageLeg]
-    places: int
-    cut: bool = False
-    costs: LineCosts | None = None
+    costs: LineCosts
 
 
 def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: bool) -> CoverageSolution:
@@ -512,63 +508,42 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: b
     sets = _quickest_sets(request, headings)
     if request.space is not None:
         return _free_in_order(request, request.space, sets, draft)
-    solved = [(each, *best_order(*costs)) for each, costs in itertools.islice(sets, FULL_SEARCHES)]
+    solved = [(each, *best_order(*each.costs)) for each in sets[:FULL_SEARCHES]]
     # of equal times, up to rounding, the heading that was tried first
     best, order, _ = min(solved, key=lambda found: (round(found[2], 9), found[0].number))
     return connected(request, DUBINS, best.heading_rad, [best.directed[i].with_leads(request.motion) for i in order])
 
 
-def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Iterator[tuple[_LineSet, LineCosts]]:
-    """Sets of lines at some headings with their costs, by the time of a quick order, the quickest first.
-
-    The queue holds all sets by their bounds. The one with the least bound is cut to the free space, then ordered, and
-    goes back with what is known of it; it comes out once it is ordered and still the first.
-    """
-    motion, space = request.motion, request.space
-    half_turn_s = math.pi * motion.min_radius_m / motion.ground_limit_mps
-
-    def bound_s(directed: Sequence[CoverageLeg], places: int) -> float:
-        """A lower bound of an order's time: of every line, and of half circles between lines beside each other [s]."""
-        lines_s = sum(leg.piece.length_m for leg in directed[::2]) / motion.ground_limit_mps
-        return lines_s + (places - 1) * half_turn_s
-
-    queue: list[_LineSet] = []
-    for heading in headings:
-        sets = [*_lines_at(request, heading)]
-        places = len(sets[0]) // 2  # of whole lines: the parts of one line need no turn between them
-        queue += [_LineSet(bound_s(each, places), len(queue) + i, heading, each, places) for i, each in enumerate(sets)]
-    heapq.heapify(queue)
-    lost_s: dict[int, float] = {}
-    while queue:
-        each = heapq.heappop(queue)
-        if each.costs is not None:
-            yield each, each.costs
-        elif space is not None and not each.cut:
-            flown_m = sum(leg.piece.length_m for leg in each.directed[::2])
-            directed = free_lines(each.directed[::2], space, motion)
+def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> list[_LineSet]:
+    """Sets of lines at some headings, within obstacles and a boundary, by the time of a quick order."""
+    motion, space, found = request.motion, request.space, list[_LineSet]()
+    tried = [(heading, directed) for heading in headings for directed in _lines_at(request, heading)]
+    for heading, directed in tried:
+        lost_s = 0.0
+        if space is not None:
+            flown_m = sum(leg.piece.length_m for leg in directed[::2])
+            directed = free_lines(directed[::2], space, motion)
             left_m = sum(leg.piece.length_m for leg in directed[::2])
-            if left_m >= MIN_LEFT * flown_m:
-                lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
-                time_s = bound_s(directed, each.places) + lost_s[each.number]
-                heapq.heappush(queue, each._replace(time_s=time_s, directed=directed, cut=True))
-        else:
-            costs = line_costs(request, each.directed)
-            time_s = quick_order(*costs)[1] + lost_s.get(each.number, 0.0)
-            heapq.heappush(queue, each._replace(time_s=time_s, costs=costs))
+            if left_m < MIN_LEFT * flown_m:
+                continue
+            lost_s = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
+        costs = line_costs(request, directed)
+        found.append(_LineSet(quick_order(*costs)[1] + lost_s, len(found), heading, directed, costs))
+    return sorted(found, key=lambda each: each[:2])
 
 
 def _free_in_order(
-    request: CoverageRequest, space: FreeSpace, sets: Iterable[tuple[_LineSet, LineCosts]], draft: bool
+    request: CoverageRequest, space: FreeSpace, sets: Sequence[_LineSet], draft: bool
 ) -> CoverageSolution:
     """The path of the first of some sets, given the quickest first, that has an order whose turns are all free."""
     motion = request.motion
     failure: Infeasible = NotFree(
         "no line of the field has room for a turn out of the obstacles and inside the boundary"
     )
-    for each, costs in itertools.islice(sets, FREE_HEADINGS_TRIED):
+    for each in sets[:FREE_HEADINGS_TRIED]:
         try:
             led = [leg.led(motion) for leg in each.directed]
-            order, _ = free_order(led, costs, free_turns(space, motion), draft=draft)
+            order, _ = free_order(led, each.costs, free_turns(space, motion), draft=draft)
             return connected(request, DUBINS, each.heading_rad, [each.directed[i].with_leads(motion) for i in order])
         except Infeasible as error:
             failure = error

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import re
 import xml.parsers.expat
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import Fault, InputError, printable, refuse
-from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
+from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.streams import HEAD, Location, SourceText, Text, refuse_wpml
 
@@ -86,14 +85,12 @@ class Feature:
 class Features:
     """The features of a file.
 
-    `degrees` is whether they are in degrees and not in metres; `remedy` is the advice where that is wrong; `is_table`
-    is whether the file is a table of vertices.
+    `degrees` is whether they are in degrees and not in metres; `remedy` is the advice where that is wrong.
     """
 
     features: list[Feature]
     degrees: bool
     remedy: str = ""
-    is_table: bool = False
 
     def areas(self, source: SourceText) -> list[Feature]:
         """The features with polygons; where there are none, those with closed lines. Raises InputError without any."""
@@ -172,25 +169,44 @@ class _GeoJson:
 
     source: SourceText
     metres: bool
-    degrees: bool = True
-    """Whether coordinates are degrees: by a `crs`, else by the option or `units`; of the whole file."""
-
-    def __post_init__(self) -> None:
-        self.degrees, self._is_stated = not self.metres, False
+    units: list[str] = field(default_factory=list)
+    """The `units` of all objects."""
+    systems: list[tuple[str, Location]] = field(default_factory=list)
+    """The names of the reference systems of all objects, and where they stand."""
 
     def read(self) -> Features:
         source = self.source
         start = source.location(len(source.body) - len(source.body.lstrip()))
-        found = list(self._features(JsonReader(source).document(), start))
+        found, degrees = list(self._features(JsonReader(source).document(), start)), self._are_degrees()
         in_metres = "no --metres" if self.metres else "a file without units in metres"
-        return Features(found, self.degrees, "--metres" if self.degrees else in_metres)
+        return Features(found, degrees, "--metres" if degrees else in_metres)
+
+    def _are_degrees(self) -> bool:
+        """Whether coordinates are degrees: by a `crs`, else by the option or `units`; of the whole file.
+
+        Raises InputError of other units, and of a reference system that is not read.
+        """
+        other = next(filter(_OTHER_LENGTH.match, self.units), None)
+        if other is not None and not self.metres:
+            expected = "metres, or longitude and latitude in degrees"
+            raise self.source.error((1, 1), f"units of {printable(other, 40)}", expected)
+        if any(_DEGREES.fullmatch(name) for name, _ in self.systems):
+            return True
+        in_metres = self.metres or any(map(_IN_METRES.match, self.units))
+        for name, at in self.systems:
+            if not in_metres or _WEB_MERCATOR.fullmatch(name):
+                expected = f"degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson {printable(self.source.name)}"
+                expected += "" if in_metres else ", or --metres"
+                message = f"the reference system {printable(name, 80) or 'without a name'} is not read"
+                raise self.source.error(at, message, expected)
+        return not in_metres
 
     def _features(self, node: Any, at: Location) -> Iterator[Feature]:
         """The features at and below an object."""
         kind = node.get("type") if isinstance(node, JsonObject) else None
         if not isinstance(kind, str):
             raise self.source.error(at, "no object of GeoJSON with a type", "a Polygon, Feature or FeatureCollection")
-        self._read_units(node)
+        self._note_units(node)
         if kind == "FeatureCollection":
             for item, start in self._members(node, "features", at):
                 yield from self._features(item, start)
@@ -200,8 +216,7 @@ class _GeoJson:
             if (geometry := node.get("geometry")) is None:
                 return
             start = self.source.location(node.offsets["geometry"])
-        given = node.get("properties") if kind == "Feature" else None
-        properties = given if isinstance(given, JsonObject) else JsonObject()
+        properties = _object(node.get("properties") if kind == "Feature" else None)
         texts = {key: str(value).strip() for key, value in properties.items() if type(value) in (str, int, float)}
         own_id = [str(node["id"]).strip()] if type(node.get("id")) in (str, int, float) else []
         names = [name for name in (*(texts.get(key, "") for key in NAME_KEYS), *own_id) if name]
@@ -250,29 +265,19 @@ class _GeoJson:
             for each, offset in zip(value, value.offsets, strict=True)
         ]
 
-    def _read_units(self, node: JsonObject) -> None:
-        """Read `units` and `crs` of an object; raises InputError of a reference system that is not read."""
-        properties = node.get("properties")
-        holders = [node, properties] if isinstance(properties, JsonObject) else [node]
-        units = [str(each.get("units") or "") for each in holders]
-        other = next(filter(_OTHER_LENGTH.match, units), None)
-        if other is not None and not self.metres:
-            expected = "metres, or longitude and latitude in degrees"
-            raise self.source.error((1, 1), f"units of {printable(other, 40)}", expected)
-        if not self._is_stated and any(map(_IN_METRES.match, units)):
-            self.degrees = False
-        if (crs := node.get("crs")) is None:
-            return
-        properties = crs.get("properties") if isinstance(crs, JsonObject) else None
-        name = properties.get("name") if isinstance(properties, JsonObject) else None
-        name = name[:200] if isinstance(name, str) else ""
-        if _DEGREES.fullmatch(name):
-            self.degrees = self._is_stated = True
-        elif self.degrees or _WEB_MERCATOR.fullmatch(name):
-            expected = f"degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson {printable(self.source.name)}"
-            expected += ", or --metres" if self.degrees else ""
-            message = f"the reference system {printable(name, 80) or 'without a name'} is not read"
-            raise self.source.error(self.source.location(node.offsets["crs"]), message, expected)
+    def _note_units(self, node: JsonObject) -> None:
+        """Note `units` and `crs` of an object."""
+        properties = _object(node.get("properties"))
+        self.units += [str(each.get("units") or "") for each in (node, properties)]
+        if (crs := node.get("crs")) is not None:
+            name = _object(_object(crs).get("properties")).get("name")
+            name = name[:200] if isinstance(name, str) else ""
+            self.systems.append((name, self.source.location(node.offsets["crs"])))
+
+
+def _object(value: Any) -> JsonObject:
+    """A value if it is an object, else an empty one."""
+    return value if isinstance(value, JsonObject) else JsonObject()
 
 
 # --- KML
@@ -357,88 +362,45 @@ def _coordinates(element: Element, source: SourceText) -> Line:
 
 # --- a table of vertices
 
-_ROLES = {
-    **dict.fromkeys(("x", "x_m", "east", "east_m", "easting", "easting_m"), "x"),
-    **dict.fromkeys(("y", "y_m", "north", "north_m", "northing", "northing_m"), "y"),
-    **dict.fromkeys(("lon", "lng", "long", "longitude", "lon_deg", "longitude_deg"), "lon"),
-    **dict.fromkeys(("lat", "latitude", "lat_deg", "latitude_deg"), "lat"),
-    "ring": "ring",
+_COLUMNS = {
+    "x": ("x", "x_m", "east", "east_m", "easting", "easting_m"),
+    "y": ("y", "y_m", "north", "north_m", "northing", "northing_m"),
+    "lon": ("lon", "lng", "long", "longitude", "lon_deg", "longitude_deg"),
+    "lat": ("lat", "latitude", "lat_deg", "latitude_deg"),
 }
+_ROLES = {name: role for role, names in _COLUMNS.items() for name in names}
 _A_HEADER = "a header such as x_m,y_m or lon,lat"
 
 
 def read_table(source: SourceText, metres: bool) -> Features:
-    """A table of vertices as one polygon.
-
-    Columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the outline, 1.. the holes); or two columns without names, in
-    metres with `metres`. Raises InputError as `read_features`.
-    """
+    """A table of vertices as one outline: columns `x_m,y_m` or `lon,lat`. Raises InputError as `read_features`."""
     rows = read_rows(source.name, source.body, None)
     head = next(rows, None)
     if head is None:
         raise source.error((1, 1), "no vertices", f"{_A_HEADER}, and a row for each vertex")
-    if not all(NUMBER.match(text) or NOT_FINITE.match(text) for text in head.fields):
-        columns, degrees = _header(head, metres)
-        remedy = f"columns called {'x_m and y_m' if degrees else 'lon and lat'}"
-        return Features([_table_feature(rows, columns, len(head.fields), source)], degrees, remedy, is_table=True)
-    if len(head.fields) != 2:
-        message = f"{counted(len(head.fields), 'column', 'columns')} without names"
-        raise InputError(head.fault(min(2, len(head.fields)), message, f"two, or {_A_HEADER}"))
-    found = _table_feature(chain([head], rows), (0, 1, -1), 2, source)
-    if metres:
-        return Features([found], degrees=False, remedy="a header lon,lat and no --metres", is_table=True)
-    message = "columns without names, which may be degrees or metres"
-    raise InputError(head.fault(0, message, "--metres, or a header such as lon,lat or x_m,y_m"))
-
-
-def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
-    """Which columns are east, north and the ring (−1 for none), and whether the first two are degrees."""
-    columns: dict[str, int] = {}
-    for i, name in enumerate(head.fields):
-        role = _ROLES.get(re.sub(r"[\s\[\]()°-]+", "_", name[:80].lower()).strip("_"))
-        if role in columns:
-            message = f"{printable(name, 40)} after {printable(head.fields[columns[role]], 40)}"
-            raise InputError(head.fault(i, message, "one column of each"))
-        if role is not None:
-            columns[role] = i
-    degrees, in_metres = {"lon", "lat"} <= set(columns), {"x", "y"} <= set(columns)
-    if degrees and (in_metres or metres):
-        raise InputError(head.fault(columns["lon"], "a column of degrees", "x_m,y_m or lon,lat, as --metres asks"))
-    if not degrees and not in_metres:
-        raise InputError(head.fault(0, "no columns of vertices", f"{_A_HEADER}, or two columns of numbers"))
-    east, north = ("lon", "lat") if degrees else ("x", "y")
-    return (columns[east], columns[north], columns.get("ring", -1)), degrees
-
-
-def _table_feature(rows: Iterable[Row], columns: tuple[int, int, int], width: int, source: SourceText) -> Feature:
-    """The polygon of a table: the outline, then the holes by their numbers."""
-    x, y, ring_column = columns
-    rings, faults, last, first = dict[int, Line](), list[Fault](), 0, None
+    columns, degrees = _header(head, metres)
+    ring, faults, width = Line(), list[Fault](), len(head.fields)
     for row in rows:
-        number = row.fields[ring_column] if 0 <= ring_column < len(row.fields) else "0"
-        if wrong := _row_faults(row, columns, width, number):
+        if len(row.fields) < width or any(row.fields[width:]):
+            message = counted(len(row.fields), "field", "fields")
+            faults.append(row.fault(min(len(row.fields), width), message, f"{width}, as in the first row"))
+        elif wrong := [row.fault(i, *each) for i in columns if (each := number_fault(row.fields[i]))]:
             faults += wrong
-            continue
-        if int(number) in rings and int(number) != last:
-            message = f"ring {int(number)} goes on after ring {last}"
-            faults.append(row.fault(ring_column, message, "the vertices of a ring together"))
-        first, last = first or row.line, int(number)
-        rings.setdefault(last, []).append((float(row.fields[x]), float(row.fields[y])))
+        else:
+            ring.append((float(row.fields[columns[0]]), float(row.fields[columns[1]])))
     refuse(faults)
-    location = first or max(1, len(source.lines)), 1
-    if 0 not in rings:
-        what, expected = ("no outline", "rows of ring 0") if rings else ("no vertices", "a row for each vertex")
-        raise source.error(location, what, expected)
-    return Feature(location, polygons=[[rings[number] for number in sorted(rings)]])
+    remedy = f"columns called {'x_m and y_m' if degrees else 'lon and lat'}"
+    return Features([Feature((head.line, 1), polygons=[[ring]])], degrees, remedy)
 
 
-def _row_faults(row: Row, columns: tuple[int, int, int], width: int, ring: str) -> list[Fault]:
-    """The faults of a row as a vertex of a ring."""
-    if len(row.fields) < width or any(row.fields[width:]):
-        message = counted(len(row.fields), "field", "fields")
-        return [row.fault(min(len(row.fields), width), message, f"{width}, as in the first row")]
-    faults = [row.fault(i, *wrong) for i in columns[:2] if (wrong := number_fault(row.fields[i]))]
-    if not re.fullmatch("[0-9]{1,9}", ring):
-        shown = printable(ring, 40) or "an empty field"
-        faults.append(row.fault(columns[2], f"{shown} is no ring", "0 for the outline, 1, 2, … for the holes"))
-    return faults
+def _header(head: Row, metres: bool) -> tuple[tuple[int, int], bool]:
+    """Which columns are east and north, and whether they are degrees."""
+    roles = [_ROLES.get(re.sub(r"[\s\[\]()°-]+", "_", name[:80].lower()).strip("_")) for name in head.fields]
+    known = sorted(filter(None, roles))
+    if known not in (["lat", "lon"], ["x", "y"]):
+        what = "more columns of vertices than two" if len(known) > 2 else "no columns of vertices"
+        raise InputError(head.fault(0, what, _A_HEADER))
+    degrees = "lon" in known
+    if degrees and metres:
+        raise InputError(head.fault(roles.index("lon"), "a column of degrees", "x_m,y_m, as --metres asks"))
+    return (roles.index("lon" if degrees else "x"), roles.index("lat" if degrees else "y")), degrees

@@ -12,13 +12,13 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
+from itertools import chain
 from typing import NamedTuple
 
 from eadp.api.given import File
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m
-from eadp.errors import FAULTS_SHOWN, Fault, InputError, printable
+from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
+from eadp.errors import Fault, InputError, printable
 from eadp.io.plan.writer import parameters_of
 from eadp.io.text.streams import Location, SourceText, Text, limit_bytes, read_text
 from eadp.models.airspace import Airspace, Field, Obstacle
@@ -26,15 +26,10 @@ from eadp.models.plan.plan import Plan
 from eadp.plug_ins import plug_ins
 from eadp.survey.features import NAME_LIMIT, Feature, Features, Line, counted, read_features
 
-HOLES_LIMIT = 1_000
-"""Most holes of a field."""
 EXTENT_LIMIT_M = 50_000.0
 """Largest width and height of a field [m]: beyond it the tangent plane is distorted."""
-_SMALLER = f"a field of at most {EXTENT_LIMIT_M / 1000:g} km either way"
-_WIDEST_DEG, _HIGHEST_DEG = 10.0, 1.0
-"""Longitudes and latitudes [°] that are always more than `EXTENT_LIMIT_M` apart, up to `LATITUDE_LIMIT_DEG`."""
 LATITUDE_LIMIT_DEG = 85.0
-"""Largest latitude [°], north or south."""
+"""Largest latitude [°], north or south: nearer to a pole nothing is planned."""
 LARGEST_M = 1e8
 """Largest coordinate in metres: grids have numbers of seven or eight digits."""
 SMALLEST_M2, NO_AREA_M2 = 1.0, 0.01
@@ -49,10 +44,9 @@ THIN_M = 10.0
 """How far around an obstacle without an area, as a mast or a power line, nothing is flown [m]."""
 VALID_SHARE = 1e-3
 """Share of its area by which a polygon that crosses or touches itself may change where it is made valid."""
-RING_LIMIT = 1000
-"""Most vertices of a field's ring: the time to find a path grows with their number."""
-_TOLERANCES_M = (0.01, 0.03, 0.1, 0.3, 1.0)
-"""Tolerances within which a ring of more vertices is simplified [m]."""
+RING_LIMIT, COARSE_M = 1000, 1.0
+"""Most vertices of a field's ring, as the time to find a path grows with their number; a ring of more is simplified
+within the second [m]."""
 
 _ORDER = "longitude before latitude"
 _DEGREES = f"longitude within ±180 and latitude within ±90 degrees, {_ORDER}"
@@ -78,54 +72,41 @@ class _Outlines:
     thin: list[Line] = field(default_factory=list)
 
     def parts(self, rings: Sequence[Line], of: Feature) -> list[Part]:
-        """A polygon without flaws, as parts; none where it has no area.
+        """A polygon without flaws, as parts, outlines counter-clockwise and holes clockwise; none without an area.
 
         Raises
         ------
         InputError
             Where its rings cross or touch one another, or themselves, so that repairing them would change the area.
         """
-        from eadp.core.geometry.polygons import ground_m2
+        from eadp.core.geometry.polygons import flaws, ground_m2, made_valid, signed_area_m2
 
         kept: Part = []
         for k, ring in enumerate(rings):
-            cleaned, changes = _tidied(ring)
+            cleaned = _tidied(ring)
             if len(cleaned) >= 3 and ground_m2(cleaned) >= (NO_AREA_M2 if k else self.smallest_m2):
-                kept.append(cleaned)
-                self.counts.update(changes)
+                wound = (signed_area_m2(cleaned) > 0) == (k == 0)
+                kept.append(cleaned if wound else (cleaned[0], *cleaned[:0:-1]))
+                self.counts["coarse"] += len(ring) > RING_LIMIT
             elif k == 0:
                 self.counts["small"] += 1
                 return []
             elif ring:
                 self.thin.append(ring)
-        return self._made_valid(kept, of)
-
-    def _made_valid(self, rings: Part, of: Feature) -> list[Part]:
-        from eadp.core.geometry.polygons import flaws, ground_m2, made_valid, signed_area_m2
-
-        found = list(islice(flaws(rings[0], rings[1:]), FAULTS_SHOWN))
-        if not found:
-            return [rings]
-        outline_m2, *holes_m2 = (abs(signed_area_m2(ring)) for ring in rings)
-        before_m2 = outline_m2 - sum(holes_m2)
-        parts = [part for part in made_valid(*rings) if ground_m2(*part) >= VALID_SHARE * before_m2]
-        after_m2 = sum(ground_m2(*part) for part in parts)
-        if abs(after_m2 - before_m2) < VALID_SHARE * before_m2:
+        flaw = next(flaws(kept[0], kept[1:]), None)
+        if flaw is None:
+            return [kept]
+        before_m2 = abs(signed_area_m2(kept[0])) - sum(abs(signed_area_m2(hole)) for hole in kept[1:])
+        parts = [part for part in made_valid(*kept) if ground_m2(*part) >= VALID_SHARE * before_m2]
+        if abs(sum(ground_m2(*part) for part in parts) - before_m2) < VALID_SHARE * before_m2:
             self.counts["repaired"] += 1
             return parts
-        faults = []
-        for flaw in found:
-            x, y = flaw.point_m
-            where = f"({x:.2f}, {y:.2f}) m"
-            if self.origin_deg is not None:
-                latitude, longitude = to_geodetic_deg(x, y, self.origin_deg)
-                where = f"longitude {longitude:.7f}, latitude {latitude:.7f}, which is {where}"
-            itself = flaw.message.endswith("itself")
-            expected = "a ring that neither crosses nor touches itself"
-            expected = expected if itself else "holes within the outline and apart from one another"
-            message = f"{_title(flaw.ring, of)} {flaw.message} at {where}"
-            faults.append(self.source.fault(of.location, message, expected))
-        raise InputError(*faults)
+        where = "({:.2f}, {:.2f}) m".format(*flaw.point_m)
+        if self.origin_deg is not None:
+            latitude, longitude = to_geodetic_deg(*flaw.point_m, self.origin_deg)
+            where = f"longitude {longitude:.7f}, latitude {latitude:.7f}, which is {where}"
+        expected = "a ring that neither crosses nor touches itself, holes within the outline and apart from one another"
+        raise self.source.error(of.location, f"{_title(flaw.ring, of)} {flaw.message} at {where}", expected)
 
     def notes(self, **others: tuple[str, str, str]) -> list[str]:
         """Sentences on what was left out and repaired; `others` are counted too, as `_CHANGED`."""
@@ -134,21 +115,19 @@ class _Outlines:
         return [f"{counted(counts[key], *names)} {what}" for key, (*names, what) in named.items() if counts[key]]
 
 
-def _tidied(ring: Line) -> tuple[tuple[Point, ...], Counter[str]]:
-    """A ring that is open, without superfluous vertices, and how many it had."""
+def _tidied(ring: Line) -> tuple[Point, ...]:
+    """A ring that is open, without vertices on the line of the others; one of too many vertices is simplified."""
     from eadp.core.geometry.polygons import TOLERANCE_M, simplified
 
     count = len(ring)
     while count > 1 and math.dist(ring[0], ring[count - 1]) < TOLERANCE_M:
         count -= 1
-    kept = simplified(ring[:count], TOLERANCE_M) if ring else []
-    closed = count < len(ring)
-    superfluous = Counter({"on_line": len(ring) - len(kept) - closed, "closed" if closed else "open": 1})
-    return tuple(ring[i] for i in kept), superfluous
+    kept = simplified(ring[:count], TOLERANCE_M if len(ring) <= RING_LIMIT else COARSE_M) if ring else []
+    return tuple(ring[i] for i in kept)
 
 
 _CHANGED = {
-    "on_line": ("vertex on the line of the others", "vertices on the lines of the others", "dropped"),
+    "coarse": ("ring", "rings", f"of more than {RING_LIMIT} vertices simplified within {COARSE_M:g} m"),
     "repaired": ("outline", "outlines", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
 }
 """What is counted, one and several, and what was done with it."""
@@ -167,8 +146,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     Parameters
     ----------
     text : Text
-        GeoJSON, KML, or a CSV of vertices: columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the outline, 1.. the
-        holes), or two columns without names.
+        GeoJSON, KML, or a CSV of an outline's vertices with columns `x_m,y_m` or `lon,lat`.
     metres : bool, optional
         The file is in metres, x east and y north, whatever it states; default: as it states, or WGS-84 degrees.
     feature : str, optional
@@ -180,59 +158,43 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     field : Field
         Metres; the vertices in the order of the file, without those that were dropped, some rings reversed.
     repaired : list of str
-        The repairs, a sentence each.
+        The repairs that change the ground, a sentence each.
 
     Raises
     ------
     InputError
         With the faults of the file, or of the options.
     """
-    from eadp.core.geometry.polygons import joined, signed_area_m2
+    from eadp.core.geometry.polygons import ground_m2, joined
 
     source = SourceText(text)
     if _fences(source) is not None:
         expected = "a field; the fences of a mission belong to --inside FILE and --avoid FILE"
         raise source.error((1, 1), "is a mission or a fence, not a field", expected)
-    found, notes = read_features(source, metres=metres), list[str]()
-    if found.is_table and feature is not None:
-        raise InputError.at("--feature", 1, 1, "a table of vertices has no features", "a table without --feature")
+    found = read_features(source, metres=metres)
     areas = found.areas(source)
     chosen = _chosen([each for each in areas if not each.avoided] or areas, feature, source)
-    polygons = [(rings, each) for each in chosen for rings in each.polygons]
-    # those of three vertices or more; or one that is refused, as it has no area
-    wide = [each for each in polygons if len(set(each[0][0])) > 2] or polygons[:1]
-    local, origin_deg = _in_metres(wide, found, source)
+    local, origin_deg = _in_metres([(rings, each) for each in chosen for rings in each.polygons], found, source)
     outlines = _Outlines(source, SMALLEST_M2, origin_deg)
-    outlines.counts["small"] = len(polygons) - len(wide)
-    parts = [part for rings, of in local for part in outlines.parts(_simplified(rings, of, source, notes), of)]
-    if not parts:
-        raise _no_area(local[0][0][0], chosen[0], source)
-    if sum(len(part) - 1 for part in parts) > HOLES_LIMIT:
-        raise source.error(chosen[0].location, f"more than {HOLES_LIMIT} holes", f"at most {HOLES_LIMIT}")
-    closing = {"closed": ("closing vertex", "closing vertices", "dropped")}
-    notes += outlines.notes(**closing if found.is_table else {"open": ("open ring", "open rings", "closed")})
+    parts = [part for rings, of in local for part in outlines.parts(rings, of)]
+    notes = outlines.notes()
     if len(parts) > 1 and (union := joined(parts, SMALLEST_M2)) is not None:
         parts = union
         notes.append("polygons that overlap joined: ground counts once")
+    if sum(ground_m2(*part) for part in parts) < SMALLEST_M2:
+        expected = _or(f"{SMALLEST_M2:g} m² or more", found.remedy)
+        raise source.error(chosen[0].location, f"an area of less than {SMALLEST_M2:g} m²", expected)
+    vertices = max(len(ring) for part in parts for ring in part)
+    if vertices > RING_LIMIT:
+        what = f"a ring of {vertices} vertices to be right within {COARSE_M:g} m"
+        raise source.error(chosen[0].location, what, f"at most {RING_LIMIT}")
     frame = _Frame(origin_deg, _middle(parts[0][0]))
     taken = [id(each.names) for each in chosen]  # of closed lines, which stand twice, too
     avoided = [each for each in found.features if each.avoided and id(each.names) not in taken]
     thin = [Feature(chosen[0].location, ("hole",), lines=[ring]) for ring in outlines.thin]
     airspace = Airspace(_obstacles([*avoided, *thin], frame, found.degrees, source, notes))
-    # the outline runs counter-clockwise, the holes clockwise
-    counter_clockwise = [signed_area_m2(ring) > 0 for ring in parts[0]]
-    wound = [
-        ring if up == (k == 0) else (ring[0], *ring[:0:-1])
-        for k, (ring, up) in enumerate(zip(parts[0], counter_clockwise, strict=True))
-    ]
-    notes += ["winding of the outline reversed"] * (not counter_clockwise[0])
-    if holes := sum(counter_clockwise[1:]):
-        notes.append(f"winding of {counted(holes, 'hole', 'holes')} reversed")
     name = printable("".join(chosen[0].names[:1])) if len(chosen) == 1 else ""
-    result = Field(wound[0], tuple(wound[1:]), name, origin_deg, airspace, tuple(map(tuple, parts[1:])))
-    if result.area_m2 < SMALLEST_M2:
-        raise source.error(chosen[0].location, f"an area of {result.area_m2:.3g} m²", f"{SMALLEST_M2:g} m² or more")
-    return result, notes
+    return Field((), (), name, origin_deg, airspace).with_parts([tuple(part) for part in parts]), notes
 
 
 ALL = "all"
@@ -275,101 +237,35 @@ def _in_metres(
     polygons: list[tuple[list[Line], Feature]], found: Features, source: SourceText
 ) -> tuple[list[tuple[list[Line], Feature]], Point | None]:
     """Polygons in metres, checked; of those in degrees also the place of their origin [°], the middle of the first."""
-    (first, *_), of = polygons[0]
-    if len(set(first)) < 3:
-        raise _no_area(first, of, source)
-    origin_deg = None
-    if found.degrees:
-        polygons, origin_deg = _localised(polygons, found, source)
-    vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
-    for (x, y), of in vertices:
-        if max(abs(x), abs(y)) > LARGEST_M:
-            message = f"a vertex at ({x:.3g}, {y:.3g}) m"
-            raise source.error(of.location, message, f"coordinates of at most {LARGEST_M:g} m")
-    west, east, south, north = _extent(first)
-    wide_m, high_m = east - west, north - south
-    if not found.degrees and max(-west, east) <= 180 and max(-south, north) <= 90 and max(wide_m, high_m) < 1:
-        message = f"a field of {wide_m:.3g} m by {high_m:.3g} m, if these are metres and not degrees"
-        raise source.error(of.location, message, _or("a larger field", found.remedy))
-    west, east, south, north = _extent([vertex for vertex, _ in vertices])
-    if max(east - west, north - south) > EXTENT_LIMIT_M:
-        message = f"{(east - west) / 1000:.4g} km by {(north - south) / 1000:.4g} km"
-        raise source.error(of.location, message, _or(_SMALLER, found.remedy))
+    polygons = [(rings, of) for rings, of in polygons if rings[0]]
+    origin_deg, smaller = None, _or(f"a field of at most {EXTENT_LIMIT_M / 1000:g} km either way", found.remedy)
+    if found.degrees and polygons:
+        for x, y, of in [(*vertex, of) for rings, of in polygons for vertex in chain(*rings)]:
+            if abs(x) > 360 or abs(y) > LATITUDE_LIMIT_DEG:
+                what = f"a vertex at longitude {x:.10g}, latitude {y:.10g}"
+                limits = f"longitude within ±180 and latitude within ±{LATITUDE_LIMIT_DEG:g} degrees, {_ORDER}"
+                raise source.error(of.location, what, _or(limits, found.remedy))
+        first = polygons[0][0][0]
+        # longitudes are counted on from the first, across the antimeridian
+        longitude, latitude = _middle([(first[0][0] + math.remainder(x - first[0][0], 360), y) for x, y in first])
+        origin_deg = (round(latitude, 7) + 0.0, round(math.remainder(longitude, 360), 7) + 0.0)
+        local = []
+        for rings, of in polygons:
+            placed = [[to_near_local_m(y, x, origin_deg) for x, y in ring] for ring in rings]
+            if None in chain(*placed):
+                what = f"a vertex farther than {FARTHEST_M / 1000:g} km from the middle of the first outline"
+                raise source.error(of.location, what, smaller)
+            local.append(([[point for point in ring if point is not None] for ring in placed], of))
+        polygons = local
+    if polygons:
+        west, east, south, north = _extent([*chain(*(ring for rings, _ in polygons for ring in rings))])
+        at = polygons[0][1].location
+        if (largest_m := max(-west, east, -south, north)) > LARGEST_M:
+            raise source.error(at, f"a coordinate of {largest_m:.3g} m", f"at most {LARGEST_M:g} m")
+        if max(east - west, north - south) > EXTENT_LIMIT_M:
+            what = f"{(east - west) / 1000:.4g} km by {(north - south) / 1000:.4g} km"
+            raise source.error(at, what, smaller)
     return polygons, origin_deg
-
-
-def _localised(
-    polygons: Sequence[tuple[list[Line], Feature]], found: Features, source: SourceText
-) -> tuple[list[tuple[list[Line], Feature]], Point]:
-    """Metres east and north of the middle of the first outline, and that middle as latitude and longitude [°]."""
-    vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
-    _check_degrees(vertices, found.remedy, source)
-    x0, _ = vertices[0][0]  # from which longitudes are counted on, across the antimeridian
-    polygons = [
-        ([[(x0 + math.remainder(x - x0, 360), y) for x, y in ring] for ring in rings], of) for rings, of in polygons
-    ]
-    first = polygons[0][0][0]
-    longitude, latitude = _middle(first)
-    origin = (round(latitude, 7) + 0.0, round(math.remainder(longitude, 360), 7) + 0.0)
-    x0, y0 = first[0]
-    for (x, y), of in vertices:
-        # refused before the projection, which maps both sides of the earth to the same plane
-        dx, dy = abs((x - x0 + 180) % 360 - 180), abs(y - y0)
-        if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
-            message = f"a vertex at longitude {x:.7g}, latitude {y:.7g}: {dx:.6g}° of longitude and {dy:.6g}° of "
-            message += "latitude from the first vertex"
-            raise source.error(of.location, message, _or(_SMALLER, found.remedy))
-    local = [([[to_local_m(y, x, origin) for x, y in ring] for ring in rings], of) for rings, of in polygons]
-    return local, origin
-
-
-def _check_degrees(vertices: Sequence[tuple[Point, Feature]], remedy: str, source: SourceText) -> None:
-    """Refuse what cannot be degrees: metres, or longitude and latitude swapped."""
-    beyond = [((x, y), of) for (x, y), of in vertices if abs(x) > 360 or abs(y) > 90]
-    if beyond:
-        (x, y), of = beyond[0]
-        which, value, limit = ("longitude", x, 180) if abs(x) > 360 else ("latitude", y, 90)
-        message = f"a {which} of {value:.10g} is beyond ±{limit}, as in {len(beyond)} of {len(vertices)} vertices"
-        raise source.error(of.location, message, _or(_DEGREES, remedy))
-    for (_, y), of in vertices:
-        if abs(y) > LATITUDE_LIMIT_DEG:
-            message = f"a latitude of {y:.10g}: above {LATITUDE_LIMIT_DEG:g}° nothing is planned"
-            raise source.error(of.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}; {_ORDER}")
-
-
-def _no_area(ring: Line, of: Feature, source: SourceText) -> InputError:
-    """What is wrong with an outline without an area."""
-    from eadp.core.geometry.polygons import ground_m2
-
-    count, expected = len(set(ring)), f"{SMALLEST_M2:g} m² or more"
-    if count < 3:
-        message, expected = f"{_title(0, of)} has {counted(count, 'vertex', 'vertices')}", "three or more that differ"
-    elif len(_tidied(ring)[0]) < 3:
-        message, expected = f"{_title(0, of)} has no area", "vertices that do not lie on one line"
-    else:
-        message = f"an area of {ground_m2(ring):.3g} m²"
-    return source.error(of.location, message, expected)
-
-
-def _simplified(rings: list[Line], of: Feature, source: SourceText, notes: list[str]) -> list[Line]:
-    """The rings, each of more than `RING_LIMIT` vertices within the smallest tolerance that is enough."""
-    from eadp.core.geometry.polygons import simplified
-
-    result = list(rings)
-    for i, ring in enumerate(rings):
-        if len(ring) <= RING_LIMIT:
-            continue
-        for tolerance_m in _TOLERANCES_M:
-            kept = simplified(ring, tolerance_m)
-            if len(kept) <= RING_LIMIT:
-                break
-        else:
-            what = f"{len(ring)} vertices, and needs {len(kept)} to be right within {tolerance_m:g} m"
-            raise source.error(of.location, f"{_title(i, of)} has {what}", f"at most {RING_LIMIT}")
-        result[i] = [ring[j] for j in kept]
-        what = f"{tolerance_m:g} m: {len(kept)} of {len(ring)} vertices"
-        notes.append(f"{_title(i, replace(of, names=()))} simplified within {what}")
-    return result
 
 
 def _or(expected: str, remedy: str) -> str:
@@ -397,11 +293,11 @@ class _Frame(NamedTuple):
     origin_deg: Point | None
     middle_m: Point
 
-    def is_near(self, corners: Sequence[Point]) -> bool:
-        """Whether the box around corners comes within `ZONES_M` of the middle."""
+    def is_near(self, corners: Sequence[Point], within_m: float = ZONES_M) -> bool:
+        """Whether the box around corners comes so near to the middle [m]."""
         west, east, south, north = _extent(corners)
         x, y = self.middle_m
-        return west <= x + ZONES_M and east >= x - ZONES_M and south <= y + ZONES_M and north >= y - ZONES_M
+        return west <= x + within_m and east >= x - within_m and south <= y + within_m and north >= y - within_m
 
     @property
     def window(self) -> tuple[Point, ...]:
@@ -487,9 +383,6 @@ def _zones(source: SourceText, *, within: bool, metres: bool) -> tuple[Features,
     if fences is None:
         found = read_features(source, metres=metres)
         if not within:
-            if found.is_table:  # each ring is an obstacle
-                (one,) = found.features
-                return found, [replace(one, polygons=[[ring] for ring in one.polygons[0]])]
             if not any(each.outlines for each in found.features):
                 found.areas(source)
             return found, found.features
@@ -554,7 +447,6 @@ def _obstacles(
         found += [Obstacle(outline, name, of.height_m) for outline in own]
     far = "polygon", "polygons", f"farther than {ZONES_M / 1000:g} km left out"
     thin = "obstacle", "obstacles", f"without an area kept, with what lies within {THIN_M:g} m"
-    del counts["on_line"]
     said = outlines.notes(far=far, thin=thin)
     if rings and not found:
         at = rings[0][1].location
@@ -578,13 +470,10 @@ def _parts_of(
     try:
         return outlines.parts([corners], of)
     except InputError:
-        (x, y), (west, east, south, north) = frame.middle_m, _extent(corners)
-        if inside or (
-            west <= x + BROKEN_M and east >= x - BROKEN_M and south <= y + BROKEN_M and north >= y - BROKEN_M
-        ):
+        if inside or frame.is_near(corners, BROKEN_M):
             raise
         notes.append(f"{_title(0, of)} crosses itself, far away: taken as the parts that it has so")
-        return [list(part) for part in made_valid(_tidied(corners)[0])]
+        return [list(part) for part in made_valid(_tidied(corners))]
 
 
 def _check_thin(ring: Line, of: Feature, frame: _Frame, source: SourceText) -> None:
@@ -635,7 +524,6 @@ def _fenced(plan: Plan, avoided: Text | None, boundary_file: Text | None) -> tup
 
 # --- files
 
-_ZIP, _SHAPEFILE = b"PK\x03\x04", b"\x00\x00\x27\x0a"
 _AS_GEOJSON = "GeoJSON, as by ogr2ogr -t_srs EPSG:4326 field.geojson {}"
 
 
@@ -647,16 +535,9 @@ def read_field_text(path: str) -> Text:
     InputError
         As `read_text`; or of a shapefile, and if an archive is damaged, has no KML, or its KML is too large.
     """
-    head = b""
-    if os.path.isfile(path):
-        try:
-            with open(path, "rb") as stream:
-                head = stream.read(len(_ZIP))
-        except OSError:
-            pass  # which reading it as a text raises
-    if head == _SHAPEFILE:
+    if path.lower().endswith(".shp"):
         raise InputError.at(path, 1, 1, "is a shapefile, which is not read", _AS_GEOJSON.format(path))
-    if head != _ZIP:
+    if not zipfile.is_zipfile(path):
         return read_text(path)
     try:
         with zipfile.ZipFile(path) as archive:

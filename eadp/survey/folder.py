@@ -60,10 +60,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None
         for row, sortie in zip(rows, plan.sorties, strict=True):
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        drawn = [
-            (name.removeprefix("sortie-"), each.path()) for name, each in zip(plan.names, plan.sorties, strict=True)
-        ]
-        task = plan.planner.task
+        drawn, task = [(f"{i:02d}", each.path()) for i, each in enumerate(plan.sorties, 1)], plan.planner.task
         write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.left)
 
 
@@ -80,7 +77,6 @@ class PlannedJob(NamedTuple):
     parts: list[list[Ring]]
     origin_deg: Point | None
     swath_m: float
-    swap_s: float
 
 
 def read_sorties(folder: str) -> PlannedJob:
@@ -101,7 +97,6 @@ def read_sorties(folder: str) -> PlannedJob:
             [[tuple((float(x), float(y)) for x, y in ring) for ring in part] for part in document["parts"]],
             document["origin_deg"] and tuple(map(float, document["origin_deg"])),
             float(document["swath_m"]),
-            float(document["swap_s"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError.at(str(path), 1, 1, f"is damaged: {error!r}", "a file of eadp cover --sorties") from None
@@ -193,7 +188,7 @@ def simulate_sorties(
     """
     folder, texts = str(folder), override_texts(overrides)
     job, scenario, given = read_sorties(folder), str(Path(folder) / SORTIES_SCENARIO), {**read_overrides(texts)}
-    files, flights, warned, at_s = Files(), dict[str, Flight](), set[str](), 0.0
+    files, flights, warned = Files(), dict[str, Flight](), set[str]()
     rows: list[dict[str, Any]] = []
     lines, planned = list[Sequence[Point]](), list[Sequence[Point]]()
     replans, solver = 0, Counter(calls=0, failed=0, fallbacks=0)
@@ -204,11 +199,10 @@ def simulate_sorties(
         on_flight(name)
         flight = fly_flight(inputs, inputs.preflight(), overrides=[*texts, f"seed={number}"])
         flights[name], summary = flight, flight.summary
-        rows.append({"sortie": name, "take_off_s": at_s, **{key: summary[key] for key in FLOWN}})
+        rows.append({"sortie": name, **{key: summary[key] for key in FLOWN}})
         replans += summary["replans"]
         found: Mapping[str, Any] = summary["solver"]
         solver.update({key: found[key] for key in solver})
-        at_s += summary["duration_s"] + job.swap_s
         planned += planned_lines(inputs.world.plan, inputs.world.parameters)
         lines += flown_lines(inputs.world.plan, flown_of_plan(flight.lists, summary["turned_back_s"]))
     field_m2, on_lines = sum(ground_m2(*part) for part in job.parts), strips(job.parts, planned, job.swath_m)
@@ -225,9 +219,7 @@ def simulate_sorties(
         "coverage": covered_shares(job.parts, [lines], job.swath_m)[-1],
         "planned_coverage": covered_shares(job.parts, [planned], job.swath_m)[-1],
         "left": [{**each.document(job.origin_deg), "share": each.area_m2 / field_m2} for each in left],
-        "duration_s": rows[-1]["take_off_s"] + rows[-1]["duration_s"],
-        "distance_m": sum(row["distance_m"] for row in rows),
-        "energy_wh": sum(row["energy_wh"] for row in rows),
+        **{key: sum(row[key] for row in rows) for key in ("duration_s", "distance_m", "energy_wh")},
         "soc_final": min(row["soc_final"] for row in rows),
         "reserve_kept": all(row["reserve_kept"] for row in rows),
         "quality": sum(qualities) / len(qualities) if qualities else None,

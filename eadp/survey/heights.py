@@ -10,20 +10,23 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
 from eadp.core.flight import ground_speeds_mps
+from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, centre_m, polyline_m
+from eadp.core.geometry.geodesy import compass_deg
 from eadp.core.geometry.polygons import FreeSpace, holding
 from eadp.core.guidance import RATE_SHARE
-from eadp.errors import Infeasible, Unreachable
-from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
-from eadp.survey.coverage import CoverageSolution, timed
+from eadp.errors import Infeasible, InputError, Unreachable
+from eadp.io.text.options import Flag, check_range
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace, Field
+from eadp.survey.coverage import AUTO, DUBINS, ZAMBONI, CoverageSolution, timed
 from eadp.survey.swaths import CoverageLeg, MotionLimits
-from eadp.survey.terrain import ElevationModel
+from eadp.survey.terrain import ElevationModel, read_terrain
 
 # --- commanded altitudes
 
@@ -308,15 +311,12 @@ def climbed_first(
 def level_lack(solution: CoverageSolution, motion: MotionLimits, climb_s: float) -> Lack:
     """What a climb over level ground that takes a time [s] lacks before the first line."""
     legs = solution.path(0.0).legs
-    first = next(i for i, leg in enumerate(legs) if leg.sensing)
-    late_s = left_s = climb_s - motion.time_s([leg.piece for leg in legs[:first]])
-    until_m = sum(leg.piece.length_m for leg in legs[:first])
-    for leg in legs[first:]:
-        if left_s <= 0:
-            break
-        leg_s = motion.time_s([leg.piece])
-        until_m, left_s = until_m + leg.piece.length_m * min(1.0, left_s / leg_s), left_s - leg_s
-    return Lack(max(late_s, 0.0), until_m if late_s > 0 else 0.0)
+    seconds = [motion.time_s([leg.piece]) for leg in legs]
+    late_s = climb_s - sum(seconds[: next(i for i, leg in enumerate(legs) if leg.sensing)])
+    if late_s <= 0:
+        return Lack(0.0, 0.0)
+    times_s, places_m = (np.cumsum([0.0, *each]) for each in (seconds, [leg.piece.length_m for leg in legs]))
+    return Lack(late_s, float(np.interp(climb_s, times_s, places_m)))
 
 
 def _unphotographed(solution: CoverageSolution, until_m: float, motion: MotionLimits) -> CoverageSolution:
@@ -477,17 +477,6 @@ class HeightProfile:
         between = np.maximum.accumulate(high) & np.maximum.accumulate(high[::-1])[::-1]
         elsewhere_m = above_m[between & ~self.samples.on_line]
         return float(elsewhere_m.min()) if len(elsewhere_m) else None
-
-    @property
-    def high_share(self) -> float:
-        """Share of the lines that are higher than is allowed for."""
-        limits = self.ground.limits
-        return float(np.mean(self.above_m > limits.line_m + limits.tolerance_m + ROUNDING_M))
-
-    @property
-    def max_place_text(self) -> str:
-        """Where a line is highest above ground, for people."""
-        return self.ground.terrain.place_text(self.samples.points_m[self.samples.on_line][int(np.argmax(self.above_m))])
 
 
 def over_terrain(
@@ -722,3 +711,91 @@ def _cut(legs: Sequence[CoverageLeg], samples: Samples, altitudes_m: FloatArray)
         starts = [own[0], *changes]
         parts += [replace(part, altitude_m=float(altitudes_m[i])) for part, i in zip(pieces, starts, strict=True)]
     return tuple(parts)
+
+
+# --- of a field to cover
+
+TOLERANCE_SHARE = 0.1
+"""Default of --height-tolerance over --altitude: pixels on the ground are up to so much larger."""
+
+
+@dataclass(frozen=True)
+class TerrainOptions:
+    """The ground, and how lines follow it."""
+
+    SECTION: ClassVar = "Ground"
+
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as GeoTIFF or .hgt of SRTM; several are joined. Lines keep --altitude above it, turns and
+    ways --clearance."""
+
+    height_tolerance_m: float | None = None
+    """How much higher above the ground lines may be [m]; by default a tenth of --altitude."""
+
+
+class TerrainTask(NamedTuple):
+    """The ground of a field to cover, and the heights above it that a flight keeps."""
+
+    terrain: ElevationModel
+    limits: HeightLimits
+
+    @classmethod
+    def read(
+        cls,
+        options: TerrainOptions,
+        altitude_m: float | None,
+        clearance_m: float,
+        field: Field,
+        ends: Sequence[Point | None],
+    ) -> TerrainTask | None:
+        """The ground around a field and the ends of its flight; None where no terrain is given.
+
+        Raises
+        ------
+        InputError
+            Of the files, and where the plan cannot follow a terrain.
+        """
+        files = [options.terrain] if isinstance(options.terrain, str) else options.terrain
+        if not files:
+            if options.height_tolerance_m is not None:
+                raise InputError.at("--height-tolerance", 1, 1, "no ground to be above", "--terrain")
+            return None
+        if altitude_m is None:
+            raise InputError.at("--terrain", 1, 1, "no height to keep above the ground", "--altitude")
+        if field.origin_deg is None:
+            raise InputError.at("--terrain", 1, 1, "the field has no place on the earth", "a field in degrees")
+        tolerance_m = TOLERANCE_SHARE * altitude_m if options.height_tolerance_m is None else options.height_tolerance_m
+        check_range("--height-tolerance", tolerance_m, 1, 1000, closed=True)
+        if altitude_m < clearance_m:
+            message = f"{altitude_m:g} m, less than the clearance"
+            raise InputError.at("--altitude", 1, 1, message, f"--clearance {altitude_m:g} or less")
+        points = [*(vertex for part in field.parts for vertex in part[0]), *(end for end in ends if end is not None)]
+        terrain = read_terrain(files, np.array(points), field.origin_deg)
+        return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
+
+    @staticmethod
+    def pattern(pattern: str, *, lands: bool) -> str:
+        """Lines in an order instead of either pattern: laps have one altitude, too high above the lower ground.
+
+        Raises Infeasible where laps are asked for, and a landing.
+        """
+        if pattern == ZAMBONI and lands:
+            raise Infeasible("laps have one altitude, and over terrain the final approach another", "--pattern dubins")
+        return DUBINS if pattern == AUTO else pattern
+
+    def ground(self, field: Field, motion: MotionLimits, apart_m: float, zero: Point) -> Ground:
+        """The ground of a flight whose altitudes are 0 at a place [m]. Raises Infeasible where it is not known."""
+        zero_m = round(float(self.terrain.known_m(np.array([zero]))[0]), 2)  # as a plan has it
+        return Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
+
+    def check_approach(self, final: FinalApproach, ground: Ground) -> None:
+        """Raise Infeasible where a final approach comes too near to the ground."""
+        if (low := low_approach(final, ground)) is None:
+            return
+        place, above_m, min_m = low
+        message = f"the final approach towards {compass_deg(final.leg.start[2]) % 360:.0f}° "
+        if above_m > 0:
+            message += f"is {above_m:.1f} m above the ground at {place}, {min_m - above_m:.2g} m less than it has to be"
+        else:
+            message += f"leads into the ground at {place}"
+        raise Infeasible(message)

@@ -10,7 +10,7 @@ from typing import Annotated
 from typer import Argument
 
 from eadp.cli.output import emit
-from eadp.errors import Fault, InputError, printable, refuse
+from eadp.errors import Fault, InputError, refuse
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import Text, write_text
 from eadp.io.vehicle import read_vehicle
@@ -48,8 +48,7 @@ def start_texts(folder: str, preset: str) -> dict[str, str]:
     airframe = read_vehicle(Text(vehicle, body)).airframe
     options = CoverageOptions(swath_m=SWATH_M, pattern="zamboni", wind=WIND)
     task = CoverageTask.read(str(field), options, preset, airframe, (0.0, 0.0))
-    covered = task.planned(cover(task.request))
-    plan = covered.text.replace(printable(str(field), 100), FIELD)
+    plan = task.planned(cover(task.request)).text
     names = {"vehicle": vehicle, "scenario": SCENARIO, "plan": PLAN, "wind_mps": WIND[0], "from_deg": WIND[1]}
     scenario = (FOLDER / SCENARIO).read_text("utf-8").format(**names)
     camera = (CAMERAS_FOLDER / f"{LIGHT_CAMERA}.yaml").read_text("utf-8")

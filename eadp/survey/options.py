@@ -18,9 +18,7 @@ from eadp.models.plan.pieces import course_rad
 from eadp.models.vehicle import Airframe
 from eadp.survey.camera import CameraOptions, option_fault
 from eadp.survey.coverage import AUTO, PATTERNS
-from eadp.survey.ground import (
-    TerrainOptions,
-)
+from eadp.survey.heights import TerrainOptions
 from eadp.survey.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 
 MIN_RADIUS_M = 0.1

@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from eadp.core.expressions.tree import number_text
+import numpy as np
+
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import (
@@ -21,23 +23,17 @@ from eadp.core.geometry.polygons import (
     inner_point,
     uncovered,
 )
-from eadp.io.flight import airspeeds_text
-from eadp.models.airspace import Field
+from eadp.io.plan.writer import plan_text
+from eadp.models.airspace import CLEARANCE_M, Field
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
-from eadp.planning.forecast.held import Preflight
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
-from eadp.survey.ground import (
-    HOME_TEXT,
-    HeightReport,
-    Heights,
-)
+from eadp.survey.heights import HeightProfile
 from eadp.survey.swaths import CoveragePath, MotionLimits
 
-FIXED_SPACING = "fixed: a planner cannot save lines in flight, as it can with --pattern zamboni"
 FULL = 0.9999
 """Share of a field from which on it counts as covered."""
 
@@ -50,44 +46,34 @@ class PathReport:
     """
 
     c1: float
+    path: CoveragePath
     spacing_m: float | None
     coverage: float
-    length_m: float
     time_s: float
-    lines: int
-    min_radius_m: float
     energy_wh: float | None = None
 
+    @classmethod
+    def of(cls, solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float) -> PathReport:
+        """The report of a solution, for a field, at a fixed c1."""
+        path, spacing_m = solution.path(c1), None
+        # places across the lines; those of one line twice are equal to a centimetre
+        sin, cos = math.sin(solution.heading_rad), math.cos(solution.heading_rad)
+        places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
+        if solution.blocks:
+            spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1))
+        elif len(places) > 1:
+            spacing_m = statistics.median(b - a for a, b in itertools.pairwise(places))
+        return cls(c1, path, spacing_m, covered_by_lines(path, field, motion.swath_m), motion.time_s(path.pieces))
 
-def path_report(solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float) -> PathReport:
-    """Ground covered, length and time at a fixed c1.
+    @property
+    def length_m(self) -> float:
+        """Length of the path [m]."""
+        return self.path.length_m
 
-    Parameters
-    ----------
-    solution : CoverageSolution
-    field : Field
-        The field that it covers.
-    motion : MotionLimits
-        Swath, airspeed and wind.
-    c1 : float
-        The path parameter.
-    """
-    path = solution.path(c1)
-    time_s = motion.time_s(path.pieces)
-    coverage = covered_by_lines(path, field, motion.swath_m)
-    if solution.blocks:
-        spacing_m: float | None = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1))
-    else:
-        spacing_m = _line_distance_m(path, solution.heading_rad)
-    return PathReport(c1, spacing_m, coverage, path.length_m, time_s, path.lines, path.min_radius_m)
-
-
-def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
-    """The median distance of neighbouring lines [m]; None for a single one."""
-    sin, cos = math.sin(heading_rad), math.cos(heading_rad)
-    # places across the lines; those of one line twice are equal to a centimetre
-    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
-    return statistics.median(b - a for a, b in itertools.pairwise(places)) if len(places) > 1 else None
+    @property
+    def lines(self) -> int:
+        """The number of its lines."""
+        return self.path.lines
 
 
 def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
@@ -98,151 +84,6 @@ def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
 def rounded_deg(heading_rad: float, digits: int) -> float:
     """The compass bearing of a heading, rounded [°]."""
     return round(compass_deg(heading_rad), digits) % 360
-
-
-@dataclass(frozen=True)
-class CoverageReport:
-    """A coverage path of a field at both ends of c1: `full` at c1 = 0, `least` at the lowest c1."""
-
-    field: Field
-    motion: MotionLimits
-    solution: CoverageSolution
-    full: PathReport
-    least: PathReport
-
-    @classmethod
-    def of(cls, field: Field, motion: MotionLimits, solution: CoverageSolution) -> CoverageReport:
-        """The report of a solution."""
-        full = path_report(solution, field, motion, 0.0)
-        least = path_report(solution, field, motion, solution.min_c1) if solution.min_c1 < 0 else full
-        return cls(field, motion, solution, full, least)
-
-    def with_energy(self, energy_wh: Callable[[float], float | None]) -> CoverageReport:
-        """The report with the energy of each end by its c1 [Wh]."""
-        full, *rest = (replace(end, energy_wh=energy_wh(end.c1)) for end in self.ends)
-        return replace(self, full=full, least=rest[0] if rest else full)
-
-    @property
-    def ends(self) -> Sequence[PathReport]:
-        """The reports of the ends of c1 that differ."""
-        return (self.full,) if self.least is self.full else (self.full, self.least)
-
-    @property
-    def _heading_text(self) -> str:
-        """ "heading" and the compass bearing of the lines [°]."""
-        return f"heading {rounded_deg(self.solution.heading_rad, 1):.1f}"
-
-    @cached_property
-    def left(self) -> list[LeftGround]:
-        """The places that are not covered, at the coarsest spacing."""
-        if self.least.coverage >= FULL:
-            return []
-        return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion.swath_m)
-
-    @property
-    def _steps(self) -> list[float]:
-        return self.solution.blocks[0].steps() if self.solution.blocks else []
-
-    @property
-    def _steps_text(self) -> str:
-        """Spacings from which on laps are saved, rounded up: each saves its lap."""
-        block = self.solution.blocks[0]
-        ends = (block.spacing_at(c1) for c1 in self._steps)
-        return ", ".join(f"{min(math.ceil(100 * m) / 100, block.spacing_at(block.min_c1)):.4g}" for m in ends)
-
-    def titled_paths(self) -> dict[str, CoveragePath]:
-        """The path at each end of c1 under a title."""
-        paths = {}
-        for end in self.ends:
-            at = f"lines {end.spacing_m:.1f} m apart: " if len(self.ends) > 1 else ""
-            title = f"{at}{end.lines} lines, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered"
-            paths[title] = self.solution.path(end.c1)
-        return paths
-
-    def comments(self, name: str) -> list[str]:
-        """Comment lines for the head of a plan that covers the field of a name."""
-        motion, lines = self.motion, []
-        for end in self.ends:
-            spacing = "" if end.spacing_m is None else f", {end.spacing_m:.4g} m apart"
-            parameter = f" with c1 = {number_text(end.c1)}" if len(self.ends) > 1 else ""
-            lines.append(f"{_counted(end.lines, 'line')}{spacing}, {end.length_m:.0f} m{parameter}")
-        swath = f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or more"
-        return [f"{swath}; lines {self._heading_text} deg.", *lines]
-
-    def document(self, normalised: Sequence[str], plan: str) -> dict[str, Any]:
-        """The values of `eadp.cover/1`, with the repairs made to the field and the plan's text."""
-        full, least, solution = self.full, self.least, self.solution
-        min_radius_m = round(min(full.min_radius_m, least.min_radius_m), 6)
-        document: dict[str, Any] = {
-            "schema": "eadp.cover/1",
-            "pattern": solution.pattern,
-            "heading_deg": rounded_deg(solution.heading_rad, 9),
-            "coverage": full.coverage,
-            "coverage_min": least.coverage,
-            "length_m": full.length_m,
-            "time_s": full.time_s,
-            "lines": full.lines,
-            "spacing_m": [full.spacing_m, least.spacing_m],
-            "swath_m": self.motion.swath_m,
-            "lead_in_m": self.motion.lead_in_m,
-            "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
-            "c1": [least.c1, full.c1] if least is not full else None,
-            "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
-            "c1_steps": self._steps,
-            "blocks": len(solution.blocks),
-            "parts": len(self.field.parts),
-            "obstacles": len(self.field.airspace.obstacles),
-            "boundary": bool(self.field.airspace.boundary),
-            "origin_deg": self.field.origin_deg,
-            "field": {"name": self.field.name, "area_m2": self.field.area_m2},
-            "left": [each.document(self.field.origin_deg) for each in self.left],
-            "normalised": list(normalised),
-            "plan": plan,
-        }
-        if full.energy_wh is not None:
-            document["energy_wh"] = full.energy_wh
-            document["at_lowest_c1"]["energy_wh"] = least.energy_wh
-        return document
-
-    def text(self) -> list[str]:
-        """A summary for people, line by line."""
-        solution, blocks = self.solution, len(self.solution.blocks)
-        parts = len(self.field.parts)
-        holes = sum(map(len, self.field.parts)) - parts
-        own = {
-            DUBINS: "lines in an order, Dubins turns",
-            ZAMBONI: f"Zamboni-like, {_counted(blocks, 'block')}",
-        }
-        pattern = own.get(solution.pattern, solution.pattern)
-        lines = [
-            f"field      {f'{self.field.name}, ' if self.field.name else ''}{self.field.area_m2 / 1e4:.2f} ha"
-            + (f" at {place_text(self.field.origin_deg)}" if self.field.origin_deg else "")
-            + (f", {parts} parts" if parts > 1 else "")
-            + (f", {_counted(holes, 'hole')}" if holes else ""),
-            f"pattern    {pattern}; lines {self._heading_text}°",
-        ]
-        for end in self.ends:
-            at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
-            energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
-            lines.append(
-                f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: "
-                f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
-            )
-        obstacles, boundary = self.field.airspace
-        if obstacles or boundary:
-            kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
-            kept += ["inside the boundary"] if boundary else []
-            lines.append(f"stays      {' and '.join(kept)}")
-        lines += left_text(self.left, 1 - self.least.coverage, self.field.origin_deg)
-        if blocks:
-            lines.append(f"laps       one less in each block from a spacing of {self._steps_text} m on")
-        tightest = min(end.min_radius_m for end in self.ends)
-        wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
-        lead_in = f"; straight for {self.motion.lead_in_m:g} m before each line" if self.motion.lead_in_m else ""
-        lines.append(f"turns      {wide}{lead_in}")
-        if not blocks:
-            lines.append(f"spacing    {FIXED_SPACING}")
-        return [*lines, self.motion.wind_text]
 
 
 def _counted(count: int, noun: str) -> str:
@@ -307,6 +148,99 @@ def area_text(area_m2: float) -> str:
     return f"{area_m2 / 1e4:.2f} ha" if area_m2 >= 1000 else f"{area_m2:.0f} m²"
 
 
+# --- heights above ground
+
+HOME_POINTS = 25
+"""Points in a row on a way home."""
+
+HOME_TEXT = "way home   clear of ground and obstacles at {:g} m (home.altitude_m, RTL_ALTITUDE)"
+"""What is said of the altitude of the way home."""
+
+WAYS_HOME = 200
+"""Ways home that are tried, at least."""
+
+
+class Heights(NamedTuple):
+    """The heights of a flight over its ground: its profile, and home [m]."""
+
+    profile: HeightProfile
+    home_m: Point
+
+    @property
+    def home_altitude_m(self) -> int:
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
+        ground, points_m = self.profile.ground, self.profile.samples.points_m
+        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, CLEARANCE_M)
+        ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
+        ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
+        top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
+        return math.ceil(top_m + ground.limits.clearance_m)
+
+
+class HeightReport(NamedTuple):
+    """The heights of one flight, or of sorties together.
+
+    `width_m` is that of a picture on lines at their height, `apart_m` the distance of the lines [m], and `gsd_cm` the
+    size of a pixel [cm].
+    """
+
+    flights: Sequence[Heights]
+    width_m: float
+    apart_m: float | None
+    gsd_cm: float | None
+
+    def _joined(self, name: str) -> FloatArray:
+        """An array of all profiles."""
+        return np.concatenate([getattr(each.profile, name) for each in self.flights])
+
+    @property
+    def home_altitude_m(self) -> int:
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
+        return max(each.home_altitude_m for each in self.flights)
+
+    def document(self) -> dict[str, Any]:
+        """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
+        ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
+        line_m, elsewhere_m = ground.limits.line_m, [each.profile.elsewhere_m for each in self.flights]
+        # pictures are as wide as their height above the ground
+        widths_m = self.width_m * self._joined("overlapping_m") / line_m
+        return {
+            "zero_m": ground.zero_m,
+            "ground_m": [float(ground_m.min()), float(ground_m.max())],
+            "height_m": _range(above_m),
+            "height_elsewhere_m": min((up_m for up_m in elsewhere_m if up_m is not None), default=None),
+            "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
+            "home_altitude_m": self.home_altitude_m,
+            "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
+            "side_overlap": None if self.apart_m is None else _range(1 - self.apart_m / widths_m),
+        }
+
+    def text(self) -> list[str]:
+        """For people, of the same."""
+        values = self.document()
+        (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
+        least, mean, most = values["height_m"]
+        elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
+        lines = [
+            f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
+            f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
+            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
+        ]
+        said = []
+        if (pixels := values["gsd_cm"]) is not None:
+            said.append(f"pixels of {pixels[0]:.2g} to {pixels[2]:.2g} cm, mean {pixels[1]:.2g} cm")
+        if (shares := values["side_overlap"]) is not None:
+            least, mean, most = (100 * share for share in shares)
+            said.append(f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %")
+        lines += [f"on ground  {'; '.join(said)}"] if said else []
+        return [*lines, HOME_TEXT.format(values["home_altitude_m"])]
+
+
+def _range(values: FloatArray) -> list[float]:
+    """Least, mean and greatest."""
+    return [float(values.min()), float(values.mean()), float(values.max())]
+
+
 # --- a plan
 
 
@@ -326,82 +260,184 @@ class Pack(NamedTuple):
 
 @dataclass(frozen=True)
 class CoveragePlan:
-    """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
+    """A plan that covers a field, and what its path amounts to.
 
-    `pack` is a full one of the aircraft, if it has one, and `aircraft` says what the energy is of; `slower` is the
-    forecast of its finest lines at the airspeeds of the least energy, where these are a decision.
+    Attributes
+    ----------
+    plan : Plan
+    field : Field
+        What it covers, with what is in the way.
+    motion : MotionLimits
+    solution : CoverageSolution
+        The path.
+    ends : tuple of PathReport
+        At c1 = 0, and at the lowest c1 if that is another.
+    repairs : sequence of str
+        Repairs made to the field, and what is flown over.
+    pictures : Pictures or None
+        The camera's.
+    pack : Pack or None
+        A full one of the aircraft.
+    heights : Heights or None
+        Over its terrain.
+    autopilot : Autopilot
+    aircraft : str
+        What the energy is of.
     """
 
     plan: Plan
-    text: str
-    report: CoverageReport
-    repairs: Sequence[str]
+    field: Field
+    motion: MotionLimits
+    solution: CoverageSolution
+    ends: tuple[PathReport, ...]
+    repairs: Sequence[str] = ()
     pictures: Pictures | None = None
     pack: Pack | None = None
     heights: Heights | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
     aircraft: str = ""
-    slower: Preflight | None = None
 
     @property
-    def document(self) -> dict[str, Any]:
-        """The values of `eadp.cover/1`."""
-        return {
-            **self.report.document(self.repairs, self.text),
-            "side_overlap": self._side_overlaps,
-            "batteries": self._batteries,
-            "slower": self._slower,
-            **pictures_document(self.pictures),
-            "terrain": None if self.heights is None else HeightReport([self.heights], *self.on_ground).document(),
-        }
+    def full(self) -> PathReport:
+        """The path at c1 = 0, with the densest lines."""
+        return self.ends[0]
+
+    @property
+    def least(self) -> PathReport:
+        """The path at the lowest c1, with the fewest lines."""
+        return self.ends[-1]
+
+    @property
+    def text(self) -> str:
+        """The plan as text."""
+        return plan_text(self.plan)
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places that are not covered, at the coarsest spacing."""
+        if self.least.coverage >= FULL:
+            return []
+        return left_ground(self.field, self.least.path.sensed_m, self.motion.swath_m)
 
     @property
     def on_ground(self) -> tuple[float, float | None, float | None]:
         """Width of a picture or of a line's ground [m], distance of the lines [m], and size of a pixel [cm]."""
-        shot, apart_m = self.pictures, self.report.least.spacing_m
+        shot, apart_m = self.pictures, self.least.spacing_m
         if shot is None:
-            return self.report.motion.swath_m, apart_m, None
+            return self.motion.swath_m, apart_m, None
         return shot.shot.width_m, apart_m, shot.shot.pixel_cm
 
     @property
     def _side_overlaps(self) -> list[float | None]:
         """Share of a line's ground that the next line shows too, at the finest spacing and at the coarsest."""
-        return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
-
-    def _overlap(self, apart_m: float | None) -> float | None:
-        return None if apart_m is None else 1 - apart_m / self.on_ground[0]
+        spacings_m = [end.spacing_m for end in (self.full, self.least)]
+        return [None if apart_m is None else 1 - apart_m / self.on_ground[0] for apart_m in spacings_m]
 
     @property
     def _batteries(self) -> list[float] | None:
         """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest."""
-        energies_wh = [end.energy_wh for end in (self.report.full, self.report.least) if end.energy_wh is not None]
+        energies_wh = [end.energy_wh for end in (self.full, self.least) if end.energy_wh is not None]
         return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
 
     @property
-    def _slower(self) -> dict[str, Any] | None:
-        if self.slower is None or not self.slower.airspeeds_mps:
-            return None
-        ending = self.slower.forecast
+    def _min_radius_m(self) -> float:
+        """The smallest radius of its turns [m]; infinite without one."""
+        return min(end.path.min_radius_m for end in self.ends)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The values of `eadp.cover/1`."""
+        full, least, origin_deg = self.full, self.least, self.field.origin_deg
+        lowest: dict[str, Any] = {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines}
+        energy: dict[str, float | None] = {} if full.energy_wh is None else {"energy_wh": full.energy_wh}
         return {
-            "airspeeds_mps": list(self.slower.airspeeds_mps),
-            "time_s": ending.remaining_s,
-            "energy_wh": ending.energy_wh,
+            "schema": "eadp.cover/1",
+            "pattern": self.solution.pattern,
+            "heading_deg": rounded_deg(self.solution.heading_rad, 9),
+            "coverage": full.coverage,
+            "coverage_min": least.coverage,
+            "length_m": full.length_m,
+            "time_s": full.time_s,
+            "lines": full.lines,
+            "spacing_m": [full.spacing_m, least.spacing_m],
+            "swath_m": self.motion.swath_m,
+            "lead_in_m": self.motion.lead_in_m,
+            # a single line has no turn
+            "min_radius_m": round(self._min_radius_m, 6) if math.isfinite(self._min_radius_m) else None,
+            "c1": [least.c1, full.c1] if least is not full else None,
+            "at_lowest_c1": lowest | (energy and {"energy_wh": least.energy_wh}),
+            "blocks": len(self.solution.blocks),
+            "parts": len(self.field.parts),
+            "obstacles": len(self.field.airspace.obstacles),
+            "boundary": bool(self.field.airspace.boundary),
+            "origin_deg": origin_deg,
+            "field": {"name": self.field.name, "area_m2": self.field.area_m2},
+            "left": [each.document(origin_deg) for each in self.left],
+            "normalised": list(self.repairs),
+            "plan": self.text,
+            **energy,
+            "side_overlap": self._side_overlaps,
+            "batteries": self._batteries,
+            **pictures_document(self.pictures),
+            "terrain": None if self.heights is None else HeightReport([self.heights], *self.on_ground).document(),
         }
+
+    @property
+    def titled_paths(self) -> dict[str, CoveragePath]:
+        """The path at each end of c1 under a title."""
+        return {self._covers_text(end): end.path for end in self.ends}
+
+    def _covers_text(self, end: PathReport) -> str:
+        """What the path covers at an end of c1."""
+        at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
+        energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
+        lines = f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
+        return f"{100 * end.coverage:.2f} %{at}: {lines}"
 
     @property
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
-        camera = [] if self.pictures is None else self.pictures.lines()
-        home_m = self.plan.site.home_altitude_m
-        ground = [] if home_m is None else [HOME_TEXT.format(home_m)]
+        field, blocks = self.field, len(self.solution.blocks)
+        parts = len(field.parts)
+        holes = sum(map(len, field.parts)) - parts
+        own = {DUBINS: "lines in an order, Dubins turns", ZAMBONI: f"Zamboni-like, {_counted(blocks, 'block')}"}
+        pattern = own.get(self.solution.pattern, self.solution.pattern)
+        lines = [
+            f"field      {f'{field.name}, ' if field.name else ''}{field.area_m2 / 1e4:.2f} ha"
+            + (f" at {place_text(field.origin_deg)}" if field.origin_deg else "")
+            + (f", {parts} parts" if parts > 1 else "")
+            + (f", {_counted(holes, 'hole')}" if holes else ""),
+            f"pattern    {pattern}; lines heading {rounded_deg(self.solution.heading_rad, 1):.1f}°",
+            *(f"{'covers' if end is self.full else '':<10} {self._covers_text(end)}" for end in self.ends),
+        ]
+        obstacles, boundary = field.airspace
+        if obstacles or boundary:
+            kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
+            kept += ["inside the boundary"] if boundary else []
+            lines.append(f"stays      {' and '.join(kept)}")
+        lines += left_text(self.left, 1 - self.least.coverage, field.origin_deg)
+        tightest = self._min_radius_m
+        wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
+        lead_in = f"; straight for {self.motion.lead_in_m:g} m before each line" if self.motion.lead_in_m else ""
+        lines += [f"turns      {wide}{lead_in}", self.motion.wind_text, *self._climb_text(), *self._landing_text()]
+        lines += [] if self.pictures is None else self.pictures.lines()
+        if shares := [f"{100 * share:.0f} %" for share in self._side_overlaps if share is not None]:
+            lines.append(f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line")
         if self.heights is not None:
-            ground = HeightReport([self.heights], *self.on_ground).text()
-        flight = [*self.report.text(), *self._climb_text(), *self._landing_text()]
-        return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
+            lines += HeightReport([self.heights], *self.on_ground).text()
+        elif self.plan.site.home_altitude_m is not None:
+            lines.append(HOME_TEXT.format(self.plan.site.home_altitude_m))
+        lines += [f"aircraft   {self.aircraft}"] if self.aircraft else []
+        if self._batteries is not None and self.pack is not None:
+            packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
+            until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
+            gives = f"a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once"
+            lines.append(f"batteries  {packs}; {gives}")
+        return lines
 
     def _climb_text(self) -> list[str]:
         """The circles of the climb before the first line."""
-        ways = itertools.takewhile(lambda leg: not leg.sensing, self.report.solution.path(0.0).legs)
+        ways = itertools.takewhile(lambda leg: not leg.sensing, self.full.path.legs)
         radii_m = [leg.piece.radius_m for leg in ways if leg.whole_circle]
         many = f"{len(radii_m)} circles" if len(radii_m) > 1 else "a circle"
         return [f"climb      {many} of {radii_m[0]:.0f} m radius before the first line"] if radii_m else []
@@ -421,25 +457,3 @@ class CoveragePlan:
         px4 = f": PX4 needs {LANDING_ANGLE} {steep_deg:.1f}" if steep else ""
         how = f"final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}, {steep_deg:.1f}°"
         return [f"landing    {how}{circle}{px4}"]
-
-    def _overlap_text(self) -> list[str]:
-        """The overlap of neighbouring lines."""
-        shares = [f"{100 * share:.0f} %" for share in self._side_overlaps if share is not None]
-        return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line"] if shares else []
-
-    def _batteries_text(self) -> list[str]:
-        """What the energy is of, and how many packs the path takes."""
-        aircraft = [f"aircraft   {self.aircraft}"] if self.aircraft else []
-        if self._batteries is None or self.pack is None:
-            return aircraft
-        packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
-        until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
-        text = [
-            *aircraft,
-            f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once",
-        ]
-        if (slower := self._slower) is not None:
-            least = f"{slower['time_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
-            flown = airspeeds_text(slower["airspeeds_mps"])
-            text.append(f"slower     {flown}: {least}; flown where the charge is short")
-        return text

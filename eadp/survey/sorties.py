@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
@@ -39,14 +38,22 @@ from eadp.survey.coverage import (
     LineGrid,
     cover,
 )
-from eadp.survey.ground import HeightReport
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division
-from eadp.survey.report import FULL, CoveragePlan, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
+from eadp.survey.report import (
+    FULL,
+    CoveragePlan,
+    HeightReport,
+    LeftGround,
+    covered_by_lines,
+    left_ground,
+    left_text,
+    rounded_deg,
+)
 from eadp.survey.swaths import CoveragePath
 
 SCHEMA: Final = "eadp.sorties/1"
-OVERLAP_M, SWAP_S = 20.0, 120.0
-"""Metres that both parts of a line that is cut have in common, and the time on the ground between two sorties [s]."""
+OVERLAP_M = 20.0
+"""Length that both parts of a line that is cut have in common [m]."""
 
 LEAST_SHARE = 0.02
 """Share of a flight for which a pack lasts, where it lasts for less, or for none."""
@@ -258,7 +265,7 @@ class SortiePlanner:
             expected = f"{len(found.sorties)} or more"
             raise InputError.at("--sorties", 1, 1, "too few for the packs", expected, f"{self.options.count}")
         if not laps and self._request.space is not None:
-            whole = [planned(each.plan.report.field, draft=False) for each in found.sorties]
+            whole = [planned(each.plan.field, draft=False) for each in found.sorties]
             found = found._replace(sorties=whole)
         return SortiePlan(self, ground, found)
 
@@ -281,7 +288,7 @@ class SortiePlanner:
         if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
             share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
             spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
-        return PlannedSortie(planned.report.solution, planned, inputs, found, spare)
+        return PlannedSortie(planned.solution, planned, inputs, found, spare)
 
     def _min_count(self, sample: FlightInputs, division: Division) -> int:
         """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
@@ -323,18 +330,12 @@ class SortiePlan:
     @cached_property
     def sorties(self) -> list[PlannedSortie]:
         """The sorties as the scenario's planner forecasts them."""
-        return [self.planner.sortie(each.solution, each.plan.report.field, held=False) for each in self.divided.sorties]
+        return [self.planner.sortie(each.solution, each.plan.field, held=False) for each in self.divided.sorties]
 
     @property
     def names(self) -> list[str]:
         """Names of their files, without an ending."""
         return [f"sortie-{i:02d}" for i in range(1, len(self.divided.sorties) + 1)]
-
-    @cached_property
-    def starts_s(self) -> list[float]:
-        """Take-off of each sortie [s]."""
-        took_s = [each.time_s + SWAP_S for each in self.sorties[:-1]]
-        return list(itertools.accumulate(took_s, initial=0.0))
 
     @cached_property
     def _heights(self) -> HeightReport | None:
@@ -373,23 +374,17 @@ class SortiePlan:
             return shots[0] if shots else None
         return shots[0]._replace(number=sum(shot.number or 0 for shot in shots))
 
-    @property
-    def time_s(self) -> float:
-        """From the first take-off to the last landing [s]."""
-        return self.starts_s[-1] + self.sorties[-1].time_s
-
     def rows(self) -> list[dict[str, Any]]:
         """The figures of each sortie, by key."""
-        rows: list[Any] = []
+        rows: list[dict[str, Any]] = []
         keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
-        for name, each, start_s in zip(self.names, self.sorties, self.starts_s, strict=True):
+        for name, each in zip(self.names, self.sorties, strict=True):
             end, path = each.forecast.forecast, each.path()
             spacing = each.forecast.parameters.get("c1") if each.solution.min_c1 < 0 else None
             rows.append(
                 {
                     "sortie": name,
                     "plan": f"{name}.plan",
-                    "take_off_s": round(start_s, 3),
                     "lines": path.lines,
                     "spacing_m": None if spacing is None else each.plan.plan.parameters[0].shown(spacing),
                     "length_m": path.length_m,
@@ -417,10 +412,9 @@ class SortiePlan:
             "count": len(rows),
             "energy_wh": sum(row["energy_wh"] for row in rows),
             "length_m": sum(row["length_m"] for row in rows),
-            "time_s": self.time_s,
+            "time_s": sum(row["time_s"] for row in rows),
             "coverage": self.coverage,
             "left": [each.document(task.field.origin_deg) for each in self.left],
-            "swap_s": SWAP_S,
             "overlap_m": OVERLAP_M,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
@@ -429,15 +423,29 @@ class SortiePlan:
             "parts": task.field.parts,
         }
 
-    def table(self) -> list[list[str]]:
-        """The figures of each sortie as text, a header first."""
-        head = ["sortie", "take-off", "lines", "km", "time", "energy", "lands with", "keeps the reserve"]
-        return [
-            head,
-            *(
+    def lines(self) -> list[str]:
+        """A summary for people, line by line, with a table of the sorties."""
+        document, task = self.document(), self.planner.task
+        scenario = self.divided.sorties[0].inputs.scenario
+        name = f"{task.field.name}, " if task.field.name else ""
+        count, minutes = document["count"], document["time_s"] / 60
+        why = "as asked for" if count == self.planner.options.count else "the fewest found"
+        place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
+        energy = f"{document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km, {minutes:.0f} min in the air"
+        lines = [
+            f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",
+            f"sorties    {count}, {why}: {energy}",
+            *self._slower(),
+        ]
+        lines += [] if self.pictures is None else self.pictures.lines()
+        lines += [] if self._heights is None else self._heights.text()
+        lines += left_text(self.left, 1 - self.coverage, task.field.origin_deg)
+        lines += [task.motion.wind_text, f"aircraft   {setting_text(scenario)}", f"counts     {losses_text(scenario)}"]
+        table = [["sortie", "lines", "km", "time", "energy", "lands with", "keeps the reserve"]]
+        for row in document["sorties"]:
+            table.append(
                 [
                     row["sortie"].removeprefix("sortie-"),
-                    f"{int(row['take_off_s']) // 60}:{int(row['take_off_s']) % 60:02d}",
                     str(row["lines"]),
                     f"{row['length_m'] / 1000:.2f}",
                     f"{row['time_s'] / 60:.1f} min",
@@ -445,48 +453,23 @@ class SortiePlan:
                     f"{100 * row['soc_end']:.0f} ± {100 * row['soc_end_std']:.0f} %",
                     f"{100 * row['reserve_probability']:.1f} %",
                 ]
-                for row in self.rows()
-            ),
-        ]
+            )
+        return [*lines, "", *aligned(table)]
 
-    def lines(self) -> list[str]:
-        """The summary, wind and table for people, line by line."""
-        scenario = self.divided.sorties[0].inputs.scenario
-        counted = [f"aircraft   {setting_text(scenario)}", f"counts     {losses_text(scenario)}"]
-        return [*self.summary(), self.planner.task.motion.wind_text, *counted, "", *aligned(self.table())]
-
-    def summary(self) -> list[str]:
-        """A summary for people, line by line."""
-        document, task = self.document(), self.planner.task
-        name = f"{task.field.name}, " if task.field.name else ""
-        count = document["count"]
-        why = "as asked for" if count == self.planner.options.count else "the fewest found"
-        place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
-        lines = [
-            f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",
-            f"sorties    {count}, {why}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
-            f"done       after {self.time_s / 60:.0f} min, {document['swap_s']:g} s on the ground between two sorties",
-        ]
-        if (slower := self._slower()) is not None:
-            lines.append(slower)
-        lines += [] if self.pictures is None else self.pictures.lines()
-        lines += [] if self._heights is None else self._heights.text()
-        return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)
-
-    def _slower(self) -> str | None:
-        """What less airspeed saves, and the option that plans the sorties at it."""
+    def _slower(self) -> list[str]:
+        """What less airspeed saves, and the option that plans the sorties at it; a line, or none."""
         found = [each.inputs.at_min_energy() for each in self.sorties]
         ends = [
             (each.airspeeds_mps, each.forecast.energy_wh) for each in found if each is not None and each.airspeeds_mps
         ]
         whole_wh = sum(each.forecast.forecast.energy_wh or 0.0 for each in self.sorties)
         if len(ends) < len(found) or not whole_wh:
-            return None
+            return []
         speeds_mps = [speed for airspeeds_mps, _ in ends for speed in airspeeds_mps]
         saved = 1 - sum(energy_wh or 0.0 for _, energy_wh in ends) / whole_wh
         plans = f"--airspeed {statistics.median_high(speeds_mps):.3g} plans for it"
         fewer = f", in {math.ceil(len(found) * (1 - saved))} or more sorties" if saved * len(found) >= 1 else ""
-        return f"slower     {airspeeds_text(speeds_mps)}: {100 * saved:.0f} % less energy; {plans}{fewer}"
+        return [f"slower     {airspeeds_text(speeds_mps)}: {100 * saved:.0f} % less energy; {plans}{fewer}"]
 
     def scenario_text(self, profile: str | None) -> str:
         """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""

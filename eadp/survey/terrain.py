@@ -120,9 +120,6 @@ MAX_CELLS = 25_000_000
 MAX_HEIGHT_M = 9000.0
 """Above every mountain [m]; heights in feet or centimetres are above it."""
 
-Bounds = tuple[float, float, float, float]
-"""South, west, north, east [°]."""
-
 _EXPECTED = "a GeoTIFF, or an .hgt of SRTM named as N55E010.hgt"
 
 
@@ -145,17 +142,15 @@ def read_terrain(files: Sequence[str], points_m: FloatArray, origin_deg: tuple[f
     low, high = points_m.min(axis=0) - MARGIN_M, points_m.max(axis=0) + MARGIN_M
     corners = [to_geodetic_deg(x, y, origin_deg) for x in (low[0], high[0]) for y in (low[1], high[1])]
     (south, west), (north, east) = np.min(corners, axis=0).tolist(), np.max(corners, axis=0).tolist()
-    read = [_read(file, (south, west, north, east)) for file in files]
-    terrain = ElevationModel(tuple(tile for tile, _ in read if tile is not None), origin_deg)
+    tiles = [_read(file, (south, west, north, east)) for file in files]
+    terrain = ElevationModel(tuple(tile for tile in tiles if tile is not None), origin_deg)
     missing = points_m[np.isnan(terrain.heights_m(points_m))]
     if len(missing):
-        places = np.array([to_geodetic_deg(x, y, origin_deg) for x, y in points_m.tolist()])
-        field = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
-        has = "; ".join(
-            f"{printable(file)} {_bounds_text(bounds)}" for file, (_, bounds) in zip(files, read, strict=True)
+        message, expected = (
+            f"no height at {terrain.place_text(missing[0])}",
+            "a terrain without voids that holds the field",
         )
-        message = f"no height at {terrain.place_text(missing[0])}: the field is in {_bounds_text(field)}, {has}"
-        raise InputError.at(files[0], 1, 1, message, "a terrain without voids that holds the field; several are joined")
+        raise InputError.at(files[0], 1, 1, message, f"{expected}; several are joined")
     return terrain
 
 
@@ -164,18 +159,13 @@ def ground_of(files: Sequence[str]) -> Ground:
     return lambda points_m, origin_deg: read_terrain(files, points_m, origin_deg).heights_m(points_m)
 
 
-def _bounds_text(bounds: Bounds) -> str:
-    south, west, north, east = bounds
-    return f"{south:.4f},{west:.4f} to {north:.4f},{east:.4f}"
-
-
-def _read(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
-    """What a file has of the bounds that are wanted, None where nothing, and its own bounds."""
+def _read(file: str, wanted: tuple[float, float, float, float]) -> Tile | None:
+    """What a file has of the bounds that are wanted: south, west, north, east [°]; None where nothing."""
     if not os.path.isfile(file):
         raise InputError.at(file, 1, 1, "no such file", _EXPECTED)
     try:
         import rasterio
-        from rasterio.warp import transform, transform_bounds
+        from rasterio.warp import transform
         from rasterio.windows import Window
     except ImportError:
         message = "rasterio, which reads terrains, is missing"
@@ -198,7 +188,6 @@ def _read(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
                     to_cells.a * x + to_cells.b * y + to_cells.c - 0.5,
                 )
 
-            west, south, east, north = transform_bounds(system, "EPSG:4326", *raster.bounds)
             sides = np.linspace(0, 1, 11)
             latitudes, longitudes = np.meshgrid(
                 wanted[0] + sides * (wanted[2] - wanted[0]), wanted[1] + sides * (wanted[3] - wanted[1])
@@ -208,7 +197,7 @@ def _read(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
             last = [min(size, math.ceil(each.max()) + 2) for each, size in zip(places, raster.shape, strict=True)]
             rows, columns = last[0] - first[0], last[1] - first[1]
             if min(rows, columns) <= 0:
-                return None, (south, west, north, east)
+                return None
             if rows * columns > MAX_CELLS:
                 message = f"{rows * columns / 1e6:.0f} million cells within {MARGIN_M / 1000:g} km of the field"
                 raise InputError.at(file, 1, 1, message, f"at most {MAX_CELLS / 1e6:.0f} million: a coarser terrain")
@@ -224,7 +213,7 @@ def _read(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
         rows, columns = in_raster(latitudes, longitudes)
         return rows - first[0], columns - first[1]
 
-    return Tile(_checked(file, heights_m), cells), (south, west, north, east)
+    return Tile(_checked(file, heights_m), cells)
 
 
 def _checked(file: str, heights_m: FloatArray) -> FloatArray:

@@ -146,18 +146,6 @@ class Block:
         lowest = (self.first_radius_m - self.max_spacing_m / 2) ** 2 - self.radius_m**2
         return min(0.0, round(math.ceil(lowest / C1_STEP - 1e-9) * C1_STEP, 6))
 
-    def steps(self) -> list[float]:
-        """For each lap that can be saved, the c1 at and below which it is saved; the highest first."""
-        max_laps = round(self.travel_m / self.spacing_m)
-        found = []
-        for laps in range(max_laps - 1, 0, -1):
-            # d = travel/laps
-            c1 = (self.first_radius_m - self.travel_m / laps / 2) ** 2 - self.radius_m**2
-            if c1 < self.min_c1:
-                break
-            found.append(round(math.floor(c1 / C1_STEP) * C1_STEP, 6))
-        return found
-
     def spacing_at(self, c1: float) -> float:
         """d(c1): the shift from lap to lap [m]. Source: letter, Sec. IV-A."""
         # d = x_d + 2(r − √(r² + c1))

@@ -17,14 +17,13 @@ from eadp.io.text.json import NESTING_LIMIT
 from eadp.io.text.streams import Text
 from eadp.models.airspace import Field
 from eadp.survey.features import VERTICES_LIMIT
-from eadp.survey.field_reader import HOLES_LIMIT, RING_LIMIT, ZONES_M, read_airspace, read_field
+from eadp.survey.field_reader import RING_LIMIT, ZONES_M, read_airspace, read_field
 
 MICROMETRE, MILLIMETRE = 1e-6, 1e-3
 ODENSE = (55.37, 10.43)
 BOX = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0), (0.0, 80.0))
 POND = ((20.0, 20.0), (20.0, 40.0), (40.0, 40.0), (40.0, 20.0))  # clockwise, as holes are
 WIDE = "a field of at most 50 km either way"
-NOT_DEGREES = "expected longitude within ±180 and latitude within ±90 degrees"
 
 
 def read_zones(text, origin_deg, *, inside=False):
@@ -66,9 +65,8 @@ def in_metres(*rings) -> str:
     return polygon(*([*ring, ring[0]] for ring in rings), units="m, local frame")
 
 
-def table(*rings, header="x_m,y_m,ring", mark=",") -> str:
-    rows = [[*map(repr, vertex), str(i)] for i, ring in enumerate(rings) for vertex in ring]
-    return "\n".join([header, *(mark.join(row) for row in rows)]) + "\n"
+def table(ring, header="x_m,y_m") -> str:
+    return "\n".join([header, *(f"{x!r},{y!r}" for x, y in ring)]) + "\n"
 
 
 def around(ring, origin=ODENSE) -> list[tuple[float, float]]:
@@ -119,19 +117,17 @@ def stars(draw):
 def test_a_field_is_read_from_each_format():
     rings = [[(x - 50, y - 40) for x, y in ring] for ring in (BOX, POND)]
     degrees = [around(ring) for ring in rings]
-    rows = [(lon, lat, i) for i, ring in enumerate(degrees) for lon, lat in ring[:-1]]
-    for body in (
-        polygon(*degrees),
-        kml(placemark(*degrees)),
-        "lon,lat,ring\n" + "".join(f"{lon!r},{lat!r},{i}\n" for lon, lat, i in rows),
-        "ring;Latitude [deg];Longitude [deg]\n" + "".join(f"{i};{lat!r};{lon!r}\n" for lon, lat, i in rows),
-    ):
+    for body in (polygon(*degrees), kml(placemark(*degrees))):
         field = field_of(body)
         assert field.origin_deg == ODENSE
         for ring, expected in zip((field.outline, *field.holes), rings, strict=True):
             assert sum(ring, ()) == pytest.approx(sum(expected, ()), abs=MICROMETRE)
-    for body in (in_metres(BOX, POND), table(BOX, POND)):
-        assert field_of(body) == Field(BOX, (POND,))
+    for body in (
+        "lon,lat\n" + "".join(f"{lon!r},{lat!r}\n" for lon, lat in degrees[0]),
+        "Latitude [deg];Longitude [deg]\n" + "".join(f"{lat!r};{lon!r}\n" for lon, lat in degrees[0]),
+    ):
+        assert sum(field_of(body).outline, ()) == pytest.approx(sum(rings[0], ()), abs=MICROMETRE)
+    assert field_of(in_metres(BOX, POND)) == Field(BOX, (POND,))
     assert Field(BOX, (POND,)).area_m2 == 100 * 80 - 20 * 20
 
 
@@ -143,12 +139,8 @@ def test_the_same_polygon_reads_to_the_same_field(ring, data):
         written.insert(i, written[i])
     written += written[:1] * data.draw(st.integers(0, 2))
     written = written[:: data.draw(st.sampled_from([1, -1]))]
-    for body, options in (
-        (table(written), {}),
-        (polygon(written, units="m"), {}),
-        ("".join(f"{x} {y}\n" for x, y in written), {"metres": True}),
-    ):
-        assert same_ring(read(body, **options)[0].outline, ring)
+    for body in (table(written), polygon(written, units="m"), "x y\n" + "".join(f"{x} {y}\n" for x, y in written)):
+        assert same_ring(read(body)[0].outline, ring)
 
 
 @given(stars(), st.floats(-80, 80), st.one_of(st.floats(-180, 180), st.sampled_from([-180.0, 179.9999, -179.9999])))
@@ -188,18 +180,16 @@ def test_geojson_of_every_type(wrap):
 
 
 @pytest.mark.parametrize(
-    ("body", "options"),
+    "body",
     [
-        ("x,y\n0,0\n100,0\n100,80\n0,80\n", {}),
-        ("Y [m];id;X [m]\n0;a;0\n0;b;100\n80;c;100\n80;d;0\n", {}),
-        ('"East"\t"North"\n0\t0\n"100"\t0\n100\t80\n0\t 80\n', {}),
-        ("# a box\n\nx_m y_m\n 0   0\n100 0\n\n# half\n100 80\n0 80", {}),
-        ("0,0\n100, 0\n 100,80\n0,80\n", {"metres": True}),
-        ("1e2 0\n100 80\n0 80\n0 0\n", {"metres": True}),
+        "x,y\n0,0\n100,0\n100,80\n0,80\n",
+        "Y [m];id;X [m]\n0;a;0\n0;b;100\n80;c;100\n80;d;0\n",
+        '"East"\t"North"\n0\t0\n"100"\t0\n100\t80\n0\t 80\n',
+        "# a box\n\nx_m y_m\n 0   0\n1e2 0\n\n# half\n100 80\n0 80",
     ],
 )
-def test_tables(body, options):
-    assert same_ring(field_of(body, **options).outline, BOX)
+def test_tables(body):
+    assert same_ring(field_of(body).outline, BOX)
 
 
 def test_kml_of_any_namespace_with_entities_and_comments():
@@ -262,6 +252,10 @@ def test_an_unknown_system_asks_for_metres(crs, named_so):
     expected = "degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson f, or --metres"
     assert fault_of(body) == f"7:12: error: the reference system {named_so} is not read; expected {expected}"
     assert field_of(body, metres=True).outline == BOX
+    # the units of a feature below the system's object say so, too
+    feature = json.dumps({"type": "Feature", "properties": {"units": "m"}, "geometry": json.loads(polygon(BOX))})
+    collection = f'{{"type": "FeatureCollection", "crs": {json.dumps(crs)}, "features": [{feature}]}}'
+    assert field_of(collection).outline == BOX
 
 
 def test_web_mercator_is_not_in_metres():
@@ -276,21 +270,21 @@ def test_web_mercator_is_not_in_metres():
         (
             polygon([(10.43, 55.37), (10.4316, 55.37), (10.43, 55.3707)]),
             {"metres": True},
-            "if these are metres and not",
+            "an area of less than 1 m²; expected 1 m² or more, or no --metres",
         ),
         (
             polygon([(x + 550_000, y) for x, y in BOX]),
             {},
-            "a longitude of 550000 is beyond ±180, as in 4 of 4 vertices",
+            "a vertex at longitude 550000, latitude 0; expected longitude within ±180 and",
         ),
-        (polygon([(0, 0), (100, 0), (0, 120)]), {}, "a latitude of 120 is beyond ±90, as in 1 of 3 vertices"),
-        (polygon([*BOX, BOX[0]]), {}, "a vertex at longitude 100, latitude 0: 100° of longitude and 0° of latitude"),
+        (polygon([(0, 0), (100, 0), (0, 120)]), {}, "a vertex at longitude 0, latitude 120; expected longitude within"),
+        (polygon([*BOX, BOX[0]]), {}, "a vertex farther than 100 km from the middle of the first outline"),
         (
             polygon([(lat, lon) for lon, lat in around(BOX, (-33.9, 151.2))]),
             {},
-            "±90 degrees, longitude before latitude",
+            "±85 degrees, longitude before latitude",
         ),
-        (table(BOX, header="lon,lat,ring"), {}, "or columns called x_m and y_m"),
+        (table(BOX, header="lon,lat"), {}, "or columns called x_m and y_m"),
         (
             in_metres(BOX),
             {"feature": "4"},
@@ -303,18 +297,17 @@ def test_units_and_names_that_are_others(body, options, fault):
 
 
 @pytest.mark.parametrize(
-    ("body", "mended"),
+    "body",
     [
-        (table([*BOX, BOX[0]]), ["1 closing vertex dropped"]),
-        (polygon(BOX, POND, units="m"), ["2 open rings closed"]),
-        (table([BOX[0], (50, 0), (60, 0.0004), *BOX[1:]]), ["2 vertices on the lines of the others dropped"]),
-        (in_metres((BOX[0], *BOX[:0:-1])), ["winding of the outline reversed"]),
-        (in_metres(BOX, POND[::-1]), ["winding of 1 hole reversed"]),
+        table([*BOX, BOX[0]]),
+        polygon(BOX, POND, units="m"),
+        table([BOX[0], (50, 0), (60, 0.0004), *BOX[1:]]),
+        in_metres((BOX[0], *BOX[:0:-1]), POND[::-1]),
     ],
 )
-def test_what_is_mended_is_said(body, mended):
-    field, said = read(body)
-    assert (said, field.outline) == (mended, BOX)
+def test_rings_are_open_and_wound_without_superfluous_vertices(body):
+    field = field_of(body)
+    assert field.outline == BOX
     assert all(signed_area_m2(hole) < 0 for hole in field.holes)
 
 
@@ -334,18 +327,12 @@ def test_zones_that_mirrored_lie_near_the_field():
 @pytest.mark.parametrize(
     ("body", "fault"),
     [
-        (
-            "0,0\n100,0\n100,80\n",
-            "1:1: error: columns without names, which may be degrees or metres; expected --metres",
-        ),
-        ("0 0 0\n1 1 0\n", "1:5: error: 3 columns without names; expected two, or a header such as x_m,y_m or lon,lat"),
-        ("12\n13\n", "1:3: error: 1 column without names; expected two, or a header such as x_m,y_m or lon,lat"),
-        ("lat,y\n0,0\n", "1:1: error: no columns of vertices; expected a header such as x_m,y_m or lon,lat, or two "),
-        ("x,y,lon,lat\n", "1:5: error: a column of degrees; expected x_m,y_m or lon,lat, as --metres asks"),
-        ("x,y\n", "2:1: error: no vertices; expected a row for each vertex"),
+        ("0,0\n100,0\n100,80\n", "1:1: error: no columns of vertices; expected a header such as x_m,y_m or lon,lat"),
+        ("lat,y\n0,0\n", "1:1: error: no columns of vertices; expected a header such as x_m,y_m or lon,lat"),
+        ("x,y,lon,lat\n", "1:1: error: more columns of vertices than two; expected a header"),
+        ("x,y\n", "1:1: error: an area of less than 1 m²"),
         ("# nothing\n\n", "1:1: error: no vertices; expected a header such as x_m,y_m or lon,lat, and a row for each"),
         (" \n\n", "1:1: error: is empty; expected a field as GeoJSON, KML or a CSV of vertices"),
-        ("x,y,ring\n1,1,1\n2,1,1\n2,2,1\n", "2:1: error: no outline; expected rows of ring 0"),
     ],
 )
 def test_tables_that_cannot_be_told(body, fault):
@@ -413,12 +400,7 @@ def test_options_that_do_not_go_with_the_format():
     degrees = kml(placemark(around(BOX)))
     expected = "a KML file is in degrees (WGS-84); expected KML without --metres"
     assert fault_of(degrees, metres=True) == f"--metres:1:1: error: {expected}"
-    expected = "a table of vertices has no features; expected a table without --feature"
-    assert fault_of(table(BOX), feature="1") == f"--feature:1:1: error: {expected}"
-    assert (
-        fault_of("ring,lat,lon\n", metres=True)
-        == "1:10: error: a column of degrees; expected x_m,y_m or lon,lat, as --metres asks"
-    )
+    assert fault_of("lat,lon\n", metres=True) == "1:5: error: a column of degrees; expected x_m,y_m, as --metres asks"
     assert field_of(in_metres(BOX), feature="1").outline == BOX
 
 
@@ -441,33 +423,33 @@ def test_a_way_out_and_back_goes(ring):
 
 # --- faults of shape --------------------------------------------------------------------------------------------------
 
-SIMPLE = "expected a ring that neither crosses nor touches itself"
-APART = "expected holes within the outline and apart from one another"
+APART = "expected a ring that neither crosses nor touches itself, holes within the outline and apart from one another"
 
 
 @pytest.mark.parametrize(
     ("rings", "fault"),
     [
-        ([[]], "1:1: error: the outline has 0 vertices; expected three or more that differ"),
-        ([BOX[:1]], "1:1: error: the outline has 1 vertex; expected three or more that differ"),
-        ([BOX[:2]], "1:1: error: the outline has 2 vertices; expected three or more that differ"),
-        ([[*BOX[:2], BOX[0]]], "1:1: error: the outline has 2 vertices; expected three or more that differ"),
-        (
-            [[(0, 0), (50, 0), (100, 0)]],
-            "1:1: error: the outline has no area; expected vertices that do not lie on one line",
+        *(
+            (rings, "1:1: error: an area of less than 1 m²; expected 1 m² or more, or a file without units in metres")
+            for rings in (
+                [[]],
+                [BOX[:1]],
+                [[*BOX[:2], BOX[0]]],
+                [[(0, 0), (50, 0), (100, 0)]],
+                [[(0, 0), (1.5, 0), (0, 1)]],
+            )
         ),
-        ([[(0, 0), (1.5, 0), (0, 1)]], "1:1: error: an area of 0.75 m²; expected 1 m² or more"),
         (
             [[(0, 0), (100, 80), (99, 0), (1, 70)]],
-            f"1:1: error: the outline crosses itself at (46.70, 37.36) m; {SIMPLE}",
+            f"1:1: error: the outline crosses itself at (46.70, 37.36) m; {APART}",
         ),
         (
             [BOX, [(20, 20), (40, 41), (40, 20), (21, 41)]],
-            f"1:1: error: hole 1 crosses itself at (30.26, 30.77) m; {SIMPLE}",
+            f"1:1: error: hole 1 crosses itself at (30.26, 30.77) m; {APART}",
         ),
         (
             [BOX, POND, [(20, 50), (41, 70), (40, 50), (20, 70)]],
-            f"1:1: error: hole 2 crosses itself at (30.24, 59.76) m; {SIMPLE}",
+            f"1:1: error: hole 2 crosses itself at (30.24, 59.76) m; {APART}",
         ),
     ],
 )
@@ -509,7 +491,7 @@ def test_a_crossing_is_told_in_degrees_too():
     crossing = (9000 / 190, 9000 / 190)  # y = x and y = 0.9 (100 − x)
     assert to_local_m(float(latitude), float(longitude), ODENSE) == pytest.approx(crossing, abs=0.01)
     # the field's own origin is at (50, 50)
-    assert found.endswith(f", which is (-2.63, -2.63) m; {SIMPLE}")
+    assert found.endswith(f", which is (-2.63, -2.63) m; {APART}")
 
 
 @pytest.mark.parametrize(
@@ -517,31 +499,23 @@ def test_a_crossing_is_told_in_degrees_too():
     [
         (
             table([(0, 0), (60_000, 0), (60_000, 10)]),
-            f"2:1: error: 60 km by 0.01 km; expected {WIDE}, or columns called lon and lat",
+            f"1:1: error: 60 km by 0.01 km; expected {WIDE}, or columns called lon and lat",
         ),
         (
             polygon([(10, 55), (11, 55), (11, 55.1)]),
             f"1:1: error: 63.99 km by 11.13 km; expected {WIDE}, or --metres",
         ),
-        (
-            polygon([(10, 55), (10.1, 55), (10.1, 56.5)]),
-            "1:1: error: a vertex at longitude 10.1, latitude 56.5: 0.1° of longitude and 1.5° of latitude from ",
-        ),
-        (
-            polygon([(-100, 5), (100, 5), (100, 5.1)]),
-            "1:1: error: a vertex at longitude 100, latitude 5: 160° of longitude and 0° of latitude from ",
-        ),
+        (polygon([(-100, 5), (100, 5), (100, 5.1)]), "1:1: error: a vertex farther than 100 km from the middle"),
         # the far side of the earth, which the plane would fold onto the field
         (
             polygon(around(BOX), [(-169.57, -55.37), (-169.57, -55.3701), (-169.5701, -55.3701)]),
-            "1:1: error: a vertex at longitude -169.57, latitude -55.37: 180° of longitude and 110.74° of",
+            "1:1: error: a vertex farther than 100 km from the middle",
         ),
-        (table([*BOX, (2e8, 0)]), "2:1: error: a vertex at (2e+08, 0) m; expected coordinates of at most 1e+08 m"),
-        (table([*BOX[:3], (1e300, -1e300)]), "2:1: error: a vertex at (1e+300, -1e+300) m; expected coordinates of "),
+        (table([*BOX, (2e8, 0)]), "1:1: error: a coordinate of 2e+08 m; expected at most 1e+08"),
+        (table([*BOX[:3], (1e300, -1e300)]), "1:1: error: a coordinate of 1e+300 m; expected at most "),
         (
             polygon([(10, 84.9999), (10.01, 85.0001), (10, 85.0001)]),
-            "1:1: error: a latitude of 85.0001: above 85° nothing is planned; expected latitudes within ±85; "
-            "longitude before latitude",
+            "1:1: error: a vertex at longitude 10.01, latitude 85.0001; expected longitude within ",
         ),
     ],
 )
@@ -560,12 +534,12 @@ def ring_of(n):
 def test_as_many_vertices_as_allowed_and_one_more():
     ring = ring_of(VERTICES_LIMIT)
     field, repaired = read(table(ring))
-    # a chord's height is at most the tolerance: 0.1 m of 5 km
-    assert field.area_m2 == pytest.approx(math.pi * 5000**2, rel=2 * 0.1 / 5000)
-    assert f"the outline simplified within 0.1 m: {len(field.outline)} of {VERTICES_LIMIT} vertices" in repaired
+    # a chord's height is at most the tolerance: 1 m of 5 km
+    assert field.area_m2 == pytest.approx(math.pi * 5000**2, rel=2 * 1 / 5000)
+    assert repaired == ["1 ring of more than 1000 vertices simplified within 1 m"]
     assert len(field.outline) <= RING_LIMIT
     expected = f"more than {VERTICES_LIMIT} vertices; expected at most {VERTICES_LIMIT}: a simpler outline"
-    assert fault_of(table([*ring, ring[0]])) == f"2:1: error: {expected}"
+    assert fault_of(table([*ring, ring[0]])) == f"1:1: error: {expected}"
     assert fault_of(polygon([*ring, ring[0]], units="m")) == f"1:1: error: {expected}"
     words = "1,2\n" * (VERTICES_LIMIT + 100)
     body = kml(placemark(around(BOX))).replace("<coordinates>\n", f"<coordinates>\n{words}")
@@ -575,8 +549,8 @@ def test_as_many_vertices_as_allowed_and_one_more():
 def test_a_ring_that_needs_too_many_vertices():
     saw = [*[(x, 40 * (x % 2)) for x in range(RING_LIMIT - 1)], (RING_LIMIT, 900), (0, 900)]
     assert len(field_of(table(saw[1:])).outline) == RING_LIMIT
-    what = f"the outline has {len(saw)} vertices, and needs {len(saw)} to be right within 1 m"
-    assert fault_of(table(saw)) == f"2:1: error: {what}; expected at most {RING_LIMIT}"
+    what = f"a ring of {len(saw)} vertices to be right within 1 m"
+    assert fault_of(table(saw)) == f"1:1: error: {what}; expected at most {RING_LIMIT}"
 
 
 MENDED = "1 outline that crossed or touched itself repaired, by less than 0.1 % of the area"
@@ -661,23 +635,12 @@ def test_fences_are_zones():
         read_zones(Text("z", rally), field.origin_deg)
 
 
-def test_as_many_holes_as_allowed_and_one_more():
-    side = 40
-    holes = [[(3 * i, 3 * j), (3 * i, 3 * j + 1), (3 * i + 1, 3 * j)] for i in range(side) for j in range(side)]
-    outline = [(-5, -5), (200, -5), (200, 200), (-5, 200)]
-    assert len(field_of(table(outline, *holes[:HOLES_LIMIT])).holes) == HOLES_LIMIT
-    expected = f"2:1: error: more than {HOLES_LIMIT} holes; expected at most {HOLES_LIMIT}"
-    assert fault_of(table(outline, *holes[: HOLES_LIMIT + 1])) == expected
-
-
 def test_faults_beyond_the_twentieth_are_counted_or_left_out():
     rows = "x,y\n" + "0,a\n" * 50
     faults = faults_of(rows)
     assert len(faults) == FAULTS_SHOWN + 1
     assert faults[0] == "2:3: error: a is not a number; expected a number"
     assert faults[-1] == "22:3: error: 30 more faults from here on"
-    knots = [moved([(20, 20), (40, 40), (40, 20), (20, 40)], 200 * i, 0) for i in range(1, 40)]
-    assert len(faults_of(table(BOX, *knots))) == FAULTS_SHOWN
 
 
 # --- faults of text ---------------------------------------------------------------------------------------------------
@@ -774,29 +737,7 @@ def test_faults_of_geojson(body, fault):
                 "2:5: error: 1e999 is too large; expected a finite number",
             ],
         ),
-        (
-            "nan,0\n1,-inf\n",
-            [
-                "1:1: error: nan is not finite; expected a finite number",
-                "2:3: error: -inf is not finite; expected a finite number",
-            ],
-        ),
         ("x,y\n0,\x00\n", ["2:3: error: \\x00 is not a number; expected a number"]),
-        (
-            "ring,x,y\na,0,0\n-1,0,0\n,0,0\n1.0,0,0\n",
-            [
-                "2:1: error: a is no ring; expected 0 for the outline, 1, 2, … for the holes",
-                "3:1: error: -1 is no ring; expected 0 for the outline, 1, 2, … for the holes",
-                "4:1: error: an empty field is no ring; expected 0 for the outline, 1, 2, … for the holes",
-                "5:1: error: 1.0 is no ring; expected 0 for the outline, 1, 2, … for the holes",
-            ],
-        ),
-        (
-            "x,y,ring\n0,0,0\n1,1,1\n0,1,0\n0,2,0\n",
-            [
-                "4:5: error: ring 0 goes on after ring 1; expected the vertices of a ring together",
-            ],
-        ),
     ],
 )
 def test_faults_of_rows(body, faults):
@@ -828,8 +769,7 @@ RING = "<LinearRing><coordinates>10,55 10.001,55 10.001,55.001</coordinates></Li
             f"<Placemark><Polygon/><Polygon><outerBoundaryIs>{RING}</outerBoundaryIs></Polygon></Placemark>",
             "1:1: error: a Polygon without an outline",
         ),
-        (kml(placemark([(10, 55)])), "3:1: error: the outline has 1 vertex; expected three or more that differ"),
-        (kml(placemark([])), "3:1: error: the outline has 0 vertices; expected three or more that differ"),
+        (kml(placemark([])), "3:1: error: an area of less than 1 m²"),
     ],
 )
 def test_faults_of_kml(body, fault):

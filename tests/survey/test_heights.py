@@ -29,7 +29,6 @@ def test_level_ground_has_one_altitude():
     assert path.sections == tuple(replace(leg, altitude_m=87.0) for leg in solution.sections)
     assert profile.above_m == pytest.approx(80.0)
     assert profile.elsewhere_m == pytest.approx(80.0)
-    assert profile.high_share == 0
 
 
 @pytest.mark.parametrize("slope", [0.03, -0.06])
@@ -116,7 +115,6 @@ def test_laps_fly_at_one_altitude_above_the_highest_ground_of_any_spacing():
     assert altitude_m == pytest.approx(60 + 80, abs=1)
     assert profile.above_m.min() == pytest.approx(altitude_m - 60)
     assert profile.above_m.max() == pytest.approx(altitude_m)
-    assert profile.high_share == pytest.approx(1 - 8 / 60, abs=0.03)
 
 
 def test_a_flight_from_the_ground_climbs_from_home():

@@ -61,7 +61,7 @@ COVER = ("cover", "DIR/field.geojson", "--feature", "field", "--scenario", "DIR/
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        ((*COVER, "--sorties", "auto"), 0, "done       after"),
+        ((*COVER, "--sorties", "auto"), 0, "min in the air"),
         ((*COVER, "--sorties", "auto", "--resume", "DIR/flown/sortie-01"), 0, "sorties    2, the fewest found"),
         # done is as planned, though ground beside the mast is left
         (("simulate", "DIR/job", "--set", "fps=5"), 0, "done: "),

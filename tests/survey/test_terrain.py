@@ -96,7 +96,7 @@ def flown_as_planned(field, terrain, wind, *, altitude_m=80.0, gentle=False, fol
     again = read_terrain([terrain], points[::50], site.origin_deg)
     above_m = columns["altitude_m"] + site.ground_m - again.heights_m(points)
     straight = np.array([stage.kind == "line" for stage in found.plan.stages])[columns["stage"].astype(int) - 1]
-    on_line = straight & holding([found.report.field.outline], points)[0]
+    on_line = straight & holding([found.field.outline], points)[0]
     assert on_line.sum() > 100
     assert above_m[on_line].min() >= limits.line_m - ROUNDING_M
     assert above_m.min() >= limits.clearance_m
@@ -105,7 +105,6 @@ def flown_as_planned(field, terrain, wind, *, altitude_m=80.0, gentle=False, fol
     assert above_m[~on_line].min() == pytest.approx(profile.elsewhere_m, abs=2 * FOLLOWED_M)
     if gentle:
         assert above_m[on_line].max() <= limits.line_m + limits.tolerance_m
-        assert profile.high_share == 0
     said = flight.summary["energy_forecast"]["energy_wh"]
     assert said == pytest.approx(flight.summary["energy_wh"], rel=ENERGY_SHARE)
     return found, flight
@@ -138,9 +137,8 @@ def test_real_ground_is_flown_over_as_planned(tmp_path, centre):
     terrain, _ = _jacksboro(tmp_path / "fault.tif")
     field = write_field(tmp_path / "field.geojson", centre, 500, 350)
     found, _ = flown_as_planned(field, terrain, "4,240", altitude_m=90.0, folder=tmp_path)
-    # the mountain is steeper than the wing climbs, which is said
-    assert found.heights.profile.high_share > 0.1
-    assert any("of the lines higher than 99 m" in line for line in found.lines)
+    # the mountain is steeper than the wing climbs: more than the 99 m of gentle ground
+    assert found.heights.profile.above_m.max() > 105
 
 
 @pytest.mark.slow
@@ -412,7 +410,7 @@ def test_what_is_refused(eadp, slope, tmp_path):
     over = ("--terrain", terrain)
     paper = ("--scenario", "scenarios/paper-I-static.yaml")
     for answer, message in (
-        (eadp("cover", far, *given, *over), r"no height at 56.49820,10.49513: the field is in 56.4982,10.4951 to"),
+        (eadp("cover", far, *given, *over), "no height at 56.49820,10.49513"),
         (eadp("cover", field, *given, "--terrain", tmp_path / "no.tif"), "no such file"),
         (eadp("cover", metres, *given, *over), "the field has no place on the earth"),
         (eadp("cover", field, *WING, "--swath", "60", *over), "no height to keep above the ground"),

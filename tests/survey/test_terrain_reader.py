@@ -69,9 +69,7 @@ def test_files_are_joined_and_the_first_that_knows_holds(tmp_path):
     heights_m = read_terrain([west, both], POINTS, ORIGIN).heights_m(POINTS)
     east = _degrees()[:, 1] > 10.5
     assert heights_m == pytest.approx(np.where(east, 20.0, 10.0))
-    with pytest.raises(
-        InputError, match=r"no height at 55\.\d+,10\.5\d+: the field is in 55\.49.*w\.tif 55\.4500,10\.4000 to"
-    ):
+    with pytest.raises(InputError, match=r"no height at 55\.\d+,10\.5\d+"):
         read_terrain([west], POINTS, ORIGIN)
 
 

@@ -95,16 +95,6 @@ def test_a_smaller_parameter_never_needs_more_lines(seed, a, b):
     assert solution.path(low).lines <= solution.path(high).lines
 
 
-def test_laps_are_saved_one_by_one_at_the_steps():
-    solution = solution_of(quadrilateral(1))
-    lines = [solution.path(c1).lines for c1 in (0.0, *solution.blocks[0].steps())]
-    assert len(lines) >= 3
-    assert all(later < earlier for earlier, later in itertools.pairwise(lines))
-    for c1, count in zip(solution.blocks[0].steps(), lines, strict=False):
-        assert solution.path(c1 + 1e-3).lines == count  # a hair above it is a lap more
-    assert solution.path(solution.min_c1).lines == lines[-1]
-
-
 def test_laps_are_saved_in_flight_too():
     """A parameter lowered after the first lap still shortens what is left of the block."""
     block = solution_of(quadrilateral(1)).blocks[0]
