@@ -43,7 +43,8 @@ STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
 
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
 NOT_FLOWN, RETURNS = "the plan is not flown: parameters stay", "the autopilot returns: parameters stay"
-UNDECIDED = TAKE_OFF, KEPT, NOT_FLOWN, RETURNS
+NOT_PLACED = "the stage being flown is not known, do not act on this: parameters stay"
+UNDECIDED = TAKE_OFF, KEPT, NOT_FLOWN, RETURNS, NOT_PLACED
 """Reasons of advice without a decision of the planner."""
 
 
@@ -156,6 +157,7 @@ class LiveFlight:
         self._flight: PlannedFlight
         self._held: HeldForecast
         self._departure = Departure()
+        self._began_elsewhere = False  # far from the plan's start, without a report of the stage
         self._origin_s = 0.0  # the flight's time 0 on the samples' clock [s]
         # time [s] and state of charge of the last sample
         self._last: tuple[float, float] = (0.0, 1.0)
@@ -264,26 +266,21 @@ class LiveFlight:
         self._climbs = InitialClimb(sample, mission.cruise_mps, _altitude_m(mission, mission.plan.stages[0]))
         if self._climbs.from_ground:
             mission = self._mission = replace(mission, altitude_m=sample.altitude_m or 0.0)
-        # the flight is in the middle of its plan: it has the parameters that it reports, within their sets
+        # a flight in the middle of its plan has the parameters that it reports
         within = sample.stage not in (None, 1) or (sample.stages_started or 1) > 1
-        if (within or away) and mission.plan.has_sets:
-            plan, values = mission.plan, list(mission.parameters)
-            for name, value in plan.by_name(sample.parameters).items():
-                if name in plan.names and not math.isnan(value):
-                    i = plan.names.index(name)
-                    values[i] = plan.hull(i).clip(value)
-            mission = replace(mission, parameters=tuple(values))
-        time_s = min(0.0, elapsed_s)
-        self._tracker = PlanTracker(mission, mission.start_m or start if within else start, time_s, self._messages)
+        reported = mission.plan.by_name(sample.parameters) if within or away else {}
+        time_s, begins_m = min(0.0, elapsed_s), mission.start_m or start if within else start
+        self._tracker = PlanTracker(mission, begins_m, time_s, self._messages, reported)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
         self._started = True
         if within:
             self._tracker.begin_within(sample._replace(time_s=elapsed_s))
         else:
             self._messages.reasons.append(TAKE_OFF)
-            self._tracker.guessed = away
-        joined_m = self._tracker.executor.joined_m
-        mission = replace(mission, start_m=joined_m, live=True, clock_s=self._origin_s)
+            self._tracker.guessed = self._began_elsewhere = away
+        executor = self._tracker.executor
+        known = {"start_m": executor.joined_m, "parameters": executor.parameters}
+        mission = replace(mission, **known, live=True, clock_s=self._origin_s)
         self._flight, self._held = self._make(mission), self._make_forecast(mission)
 
     def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:
@@ -315,10 +312,15 @@ class LiveFlight:
         back = bool(to.flies_mission) and was_away
         self._departure.rejoins = (self._departure.rejoins or back) and (tracker.is_behind or mismatch > FAR)
 
+    @property
+    def _not_placed(self) -> bool:
+        """Whether nothing shows yet where in its plan the flight began: no report, and no start of a stage."""
+        return self._began_elsewhere and self._tracker.guessed
+
     def _observation(self, to: Sample, position: Point, soc: float) -> Observation:
         """A sample as an observation, see `PlanTracker.observation`."""
         return self._tracker.observation(to, position, soc)._replace(
-            on_plan=self._climbs.on_plan and not self._departure.away,
+            on_plan=self._climbs.on_plan and not (self._departure.away or self._not_placed),
             returns_home=to.returns_home or self._flight.decision.returns_home,
             rejoins_at_start=self._tracker.is_behind if self._departure.rejoins else None,
         )
@@ -355,6 +357,8 @@ class LiveFlight:
         Adds the decision's reason to those of this sample.
         """
         decision, record, reasons = flight.decision, flight.decision.record, self._messages.reasons
+        if self._not_placed:
+            return self._advice(sample, NOT_PLACED, sample.wind_mps, Ending())
         if self._departure.away:
             reason = RETURNS if sample.returns_home else NOT_FLOWN
             end = self._forecast(flight.state, self._tracker.applied.effective)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
-from eadp.live.locator import GAP_S, GAP_STEPS, MAX_STDS, path_mismatch
+from eadp.live.locator import GAP_S, GAP_STEPS, path_mismatch
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
@@ -221,9 +221,6 @@ class OutlierGate:
 AHEAD_M = 20.0
 """Distance straight on within which a certain end is passed by the error of a position, `MARGIN_M` [m]."""
 
-ELSEWHERE = 9.0
-"""Squared mismatch with the plan, in standard deviations, of an aircraft that flies anywhere."""
-
 
 def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None) -> bool:
     """Whether the end of a plan is passed by more than the error of a position.
@@ -256,41 +253,6 @@ def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None
     return True
 
 
-ALIKE = 7.0
-"""Log odds from which on it is known whether a flight goes on: 1 to 1,000."""
-
-INDEPENDENT_S = 4.0
-"""Time between positions that are independent evidence [s]."""
-
-
-class Continuation:
-    """Whether a flight goes on along its plan after an end of it, by the positions that follow.
-
-    Two hypotheses compete: the aircraft follows the plan, or flies anywhere. Positions count for the first only from
-    the next leg on, since a loiter at the end may lie on the leg that ends.
-
-    Parameters
-    ----------
-    executor : PlanExecutor
-        The flight that goes on.
-    """
-
-    def __init__(self, executor: PlanExecutor) -> None:
-        self._stages_started = executor.stages_started
-        self._log_odds = 0.0
-
-    def update(self, executor: PlanExecutor, to: Sample, step_s: float) -> bool | None:
-        """Weigh a position, `step_s` [s] after the last one; return whether the flight goes on, None while unknown."""
-        if executor.complete:
-            return False
-        if to.position_m is not None:
-            # log odds of the plan against anywhere, by this position
-            log_odds = (ELSEWHERE - min(path_mismatch(executor, to), 2 * MAX_STDS**2)) / 2
-            if log_odds < 0 or executor.stages_started > self._stages_started:
-                self._log_odds += log_odds * min(1.0, step_s / INDEPENDENT_S)
-        return None if abs(self._log_odds) < ALIKE else self._log_odds > 0
-
-
 FAR, NEAR, STAYS_S = 9.0, 4.0, 5.0
 """Square of the mismatch of position and course with the path, in standard deviations (`path_mismatch`), from which on
 the plan is not flown: 45 m, or 86°; and that below which it has to stay for some time [s] to be flown again: circles
@@ -303,6 +265,32 @@ is not known to be flown, another airspeed becomes usual later: it is a pilot's 
 
 BY_HAND_S = 5.0
 """Time off the plan from which on a leg counts as flown by hand [s]: turns may be flown wide for a moment."""
+
+
+class Continuation:
+    """Whether a flight goes on along its plan after an end of it, by the positions that follow.
+
+    Positions near the path count from the next leg on, since a loiter at the end may lie on the leg that ends.
+
+    Parameters
+    ----------
+    executor : PlanExecutor
+        The flight that goes on.
+    """
+
+    def __init__(self, executor: PlanExecutor) -> None:
+        self._stages_started, self._near_s = executor.stages_started, 0.0
+
+    def update(self, executor: PlanExecutor, to: Sample, step_s: float) -> bool | None:
+        """Take a sample, `step_s` [s] after the last one; return whether the flight goes on, None while unknown."""
+        if executor.complete:
+            return False
+        mismatch = 0.0 if to.position_m is None else path_mismatch(executor, to)
+        if mismatch > FAR:
+            self._near_s -= step_s
+        elif executor.stages_started > self._stages_started:
+            self._near_s += step_s
+        return None if abs(self._near_s) < STAYS_S else self._near_s > 0
 
 
 class Departure:
