@@ -266,7 +266,7 @@ def over_log(
 
     Returns the forecast of each reading [W], shape (n,), and α0, α1, β1, … after it [W], shape (n, 2r + 1).
     """
-    settings = EstimatorSettings(order=model.order, gate_w=gate_w, every_s=float(np.median(np.diff(times_s))))
+    settings = EstimatorSettings(order=model.order, gate_w=gate_w, noise_w=model.noise_std_w)
     estimator = ExactEstimator(settings, model.period_s, period_std_s=model.period_std_s)
     forecasts, states = [], []
     for time_s, reading_w in zip(times_s.tolist(), power_w.tolist(), strict=True):
