@@ -19,7 +19,7 @@ from eadp.io.text.options import Flag
 from eadp.live.autopilot import ACCEPTED, CRITICAL, CommandedAirspeed, HeardAutopilot, Pilot
 from eadp.live.mavlink import COMPONENT, Link, Message, require_pymavlink, tlog_messages
 from eadp.live.messages import WANTED, LineMaker, ParameterCheck, values_of
-from eadp.live.mission import PROTOCOL, HeldMission, Holds, Mapped, Noted, Outgoing, Output, Warned
+from eadp.live.mission import PROTOCOL, HeldMission, Mapped, Noted, Outgoing, Output, Warned
 from eadp.live.recorded import MISSION, TLOG, form_of, log_values
 from eadp.live.replanner import DECIDES_AIRSPEED, START, TELEMETRY, Emit, ReplanLog, Replanner, Warn
 from eadp.live.telemetry import numbered_lines, open_telemetry
@@ -199,10 +199,7 @@ class LinkFlight:
             begins = first or lost or (values["armed"] and not autopilot.armed)
             self._take_heartbeat(values, first=first)
         if message.kind == "MISSION_CURRENT":
-            autopilot.judge(values["valid"], now_s)
             self._count_items(values["item_count"], now_s)
-        if values.get("said") is not None:
-            autopilot.read_text(values["said"], now_s)
         if self._check is not None and values.get("parameter") is not None:
             name, *number = values["parameter"]
             if (value := self._check.take(name, *number)) is not None:
@@ -320,12 +317,6 @@ class LinkFlight:
                     self._pilot.tell(text)
                 case Noted(text):
                     self._pilot.note(text)
-                case Holds(items):
-                    holds = f"the autopilot holds the mission of --items: {items} items"
-                    if refusal := self._autopilot.refusal:
-                        self._pilot.tell(f"{holds}, and refuses it: {refusal}")
-                    else:
-                        self._pilot.note(holds)
                 case Mapped(mapped):
                     self._map(mapped)
 

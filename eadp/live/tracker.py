@@ -292,7 +292,9 @@ class PlanTracker:
         lap_stages = executor.stages_to(now) if reported < now else None
         # a stage behind: 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is more than half of a lap
         if skips is None or (lap_stages is not None and 2 * skips > lap_stages):
-            self._messages.once("stage", f"stage {reported} is before stage {now}, which is flown; ignored", "a stage ahead")
+            self._messages.once(
+                "stage", f"stage {reported} is before stage {now}, which is flown; ignored", "a stage ahead"
+            )
             return None
         return skips
 

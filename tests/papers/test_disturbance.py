@@ -34,6 +34,7 @@ def units(std_w, time_s):
     """What one unit of the states is, so that tolerances mean something."""
     return max(std_w, 1e-12) * np.array([1.0, math.sqrt(3) / time_s])
 
+
 @given(steps, times)
 def test_the_step_is_the_matrix_exponential(step_s, time_s):
     scale = np.outer(units(1, time_s), 1 / units(1, time_s))
