@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.geodesy import to_local_m
 from eadp.core.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, InputError, printable
 from eadp.io.logs import Tables, at_times, check_readable, read_tables
@@ -42,9 +41,9 @@ _VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
 _CURRENT = ("current_a", "current_filtered_a", "Curr")
 _TIME_US = ("timestamp", "TimeUS")
 _TIME_MS = ("TimeMS",)
-ULOG_TOPICS = ("battery_status", "vehicle_local_position")
-DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
-BAG_TOPICS = ("sensor_msgs/msg/BatteryState", "sensor_msgs/msg/NavSatFix")
+ULOG_TOPICS = ("battery_status",)
+DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2")
+BAG_TOPICS = ("sensor_msgs/msg/BatteryState",)
 _USED = ("discharged_mah", "CurrTot")
 PARAMETERS, LARGEST_MAH = "parameters", 1e6
 """The topic of the parameters; no battery holds so much."""
@@ -52,13 +51,12 @@ _INSTANCE = ("Instance", "Inst", "I")
 
 
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
-    """The power log of one battery, voltage times current, with positions if there are any; raises InputError."""
+    """The power log of one battery, voltage times current; raises InputError."""
     if columns.power:
         raise InputError.at("--power", 1, 1, "an autopilot's log has no such columns", "none of it", columns.power[0])
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
     time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
-    position_m = _position_m(name, tables, time_us)
     warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
     counts: dict[str, int | float] = {"rows": len(time_us)}
     known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
@@ -69,9 +67,9 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
         message = f"{rows_text(unknown)} with an unknown voltage (0 or -1) or current (-1) left out"
         warnings.append(Fault(name, 1, 1, message, severity="warning"))
     motion = autopilot_motion(tables, time_us) if columns.motion else {}
-    others = np.stack([*(() if position_m is None else position_m.T), *motion.values(), time_us], axis=1)[:, :-1]
+    others = np.stack([*motion.values(), time_us], axis=1)[:, :-1]
     readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
-    log = in_order(name, readings, 1e6, warnings, counts, position=position_m is not None, also=tuple(motion))
+    log = in_order(name, readings, 1e6, warnings, counts, also=tuple(motion))
     return replace(log, battery=_of_battery(tables, columns.instance))
 
 
@@ -180,30 +178,6 @@ def _time_us(name: str, table: dict[str, FloatArray]) -> FloatArray:
             if label in table:
                 return table[label] * factor
     raise InputError.at(name, 1, 1, "messages of the battery have no time", "timestamp, TimeUS or TimeMS")
-
-
-def _position_m(name: str, tables: Tables, time_us: FloatArray) -> FloatArray | None:
-    """x, east, and y, north, at the battery's times."""
-    for kind, table in tables.columns.items():
-        if kind.startswith("vehicle_local_position ") and {"x", "y"} <= set(table) and len(table["x"]):
-            return _at(_time_us(name, table), np.stack([table["y"], table["x"]], axis=1), time_us)
-    for kind in ("POS", "GPS"):
-        table = tables.columns.get(kind, {})
-        longitude = next((table[label] for label in ("Lng", "Lon") if label in table), None)
-        if longitude is None or "Lat" not in table or not any(label in table for label in _TIME_US + _TIME_MS):
-            continue
-        degrees = np.stack([table["Lat"], longitude], axis=1)
-        fixed = (np.abs(degrees) <= (90, 180)).all(axis=1) & (degrees != 0).any(axis=1)
-        if not np.any(fixed):
-            continue
-        origin = float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1])
-        metres = np.array([to_local_m(float(lat), float(lon), origin) for lat, lon in degrees[fixed]])
-        return _at(_time_us(name, table)[fixed], metres, time_us)
-    return None
-
-
-def _at(known_us: FloatArray, position_m: FloatArray, time_us: FloatArray) -> FloatArray:
-    return np.stack([at_times(known_us, column, time_us) for column in position_m.T], axis=1)
 
 
 _TRUE = (("airspeed_validated", "true_airspeed_m_s"), ("airspeed", "true_airspeed_m_s"))
@@ -333,7 +307,7 @@ def _rows(kind: str, fields: Any) -> Iterator[tuple[str, dict[str, float]]]:
     elif kind == "ATTITUDE":
         yield "ATT", {"Roll": math.degrees(fields["roll"])}
     elif kind == "GLOBAL_POSITION_INT" and (fields["lat"] or fields["lon"]):
-        yield "POS", {"Lat": fields["lat"] / 1e7, "Lng": fields["lon"] / 1e7, "Alt": fields["alt"] / 1e3}
+        yield "POS", {"Alt": fields["alt"] / 1e3}
 
 
 HEAD = 20_000
@@ -409,7 +383,7 @@ def _bag(source: LogSource, columns: Columns) -> PowerLog:
     if not (os.path.isfile(source.name) or os.path.isdir(source.name)):
         raise InputError.at(source.text.name, 1, 1, "is not a regular file", _OF_A_PIPE)
     tables = read_tables(source.name, source.name, "bag", BAG_TOPICS)
-    names = {number: name for name in sorted(tables.columns) if name != "GPS" for number in (int(name.split(" ")[1]),)}
+    names = {int(name.split(" ")[1]): name for name in sorted(tables.columns)}
     if not names:
         found = printable(", ".join(tables.notes) or "none", 1000)
         raise InputError.at(source.name, 1, 1, f"has no messages of sensor_msgs/BatteryState; its topics: {found}")
