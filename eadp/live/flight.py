@@ -127,7 +127,7 @@ class LiveFlight:
     mission : Mission
         Known before take-off. The flight starts at the first sample with a position if that is far from the mission's
         start.
-    make, make_forecast : function of a Mission
+    make : function of a Mission
         A new flight with its planner, and a forecast for planners without their own.
     every_s : float
         Maximum time between two pieces of advice [s].
@@ -141,12 +141,10 @@ class LiveFlight:
     def __init__(
         self,
         mission: Mission,
-        make: Callable[[Mission], PlannedFlight],
-        make_forecast: Callable[[Mission], HeldForecast],
+        make: Callable[[Mission], tuple[PlannedFlight, HeldForecast]],
         every_s: float,
     ) -> None:
-        self._mission = mission
-        self._make, self._make_forecast = make, make_forecast
+        self._mission, self._make = mission, make
         self._schedule = _Schedule(every_s)
         self._messages = Messages()
         self._ground = _GroundVelocity(mission.cruise_mps)
@@ -281,7 +279,7 @@ class LiveFlight:
         executor = self._tracker.executor
         known = {"start_m": executor.joined_m, "parameters": executor.parameters}
         mission = replace(mission, **known, live=True, clock_s=self._origin_s)
-        self._flight, self._held = self._make(mission), self._make_forecast(mission)
+        self._flight, self._held = self._make(mission)
 
     def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:
         """Advance through the plan to a sample; return the position at it, see `PlanTracker.track`.
@@ -300,13 +298,13 @@ class LiveFlight:
 
     def _update_departure(self, to: Sample) -> None:
         """Update whether the plan is flown, and where it is taken up again, with a sample that is tracked."""
-        tracker, cruise_mps = self._tracker, self._mission.cruise_mps
-        executor, was_away = tracker.executor, self._departure.away
+        tracker, was_away = self._tracker, self._departure.away
+        executor = tracker.executor
         # the first leg may be joined from anywhere
         known = to.position_m is not None and executor.stages_started > 1 and not tracker.stage_unknown
         mismatch = path_mismatch(executor, to) if known else 0.0
         if self._climbs.on_plan:
-            self._departure.update(to, executor.cursor.airspeed_mps or cruise_mps, mismatch)
+            self._departure.update(to, mismatch)
         if self._departure.away_s > BY_HAND_S:
             tracker.through_gap = True
         back = bool(to.flies_mission) and was_away

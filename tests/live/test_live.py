@@ -53,8 +53,7 @@ def live(inputs):
     scenario = inputs.scenario
     return LiveFlight(
         inputs.mission,
-        lambda mission: make_flight(scenario.planner, mission),
-        lambda mission: HeldForecast(scenario.planner, mission),
+        lambda mission: (make_flight(scenario.planner, mission), HeldForecast(scenario.planner, mission)),
         scenario.planner.every_s,
     )
 
@@ -358,7 +357,7 @@ def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recor
         pass
     recorder = watching.planner
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    flight = LiveFlight(inputs.mission, lambda _: watched(flown, Deciding), lambda _: held, 1.0)
+    flight = LiveFlight(inputs.mission, lambda _: (watched(flown, Deciding), held), 1.0)
     ahead = 0
     for o, later in itertools.pairwise(recorder.seen[99::100]):
         reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
@@ -387,7 +386,7 @@ def test_a_planner_that_fails_gives_a_notice_and_does_not_end_it(recorded):
             raise RuntimeError("out of order")
 
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    flight = LiveFlight(inputs.mission, lambda mission: watched(inputs, Failing), lambda mission: held, 1.0)
+    flight = LiveFlight(inputs.mission, lambda _: (watched(inputs, Failing), held), 1.0)
     advice, notices = flight.update(start(inputs))
     assert "the planner failed, and parameters stay: RuntimeError: out of order" in notices[0].message
     assert advice.parameters == {"c1": 0.0, "c2": 10.0}
