@@ -259,7 +259,7 @@ STALE_S = 5.0
 
 PASSING = frozenset(
     (
-        *("time_s", "named", "answer", "parameter", "reached", "mission_id"),
+        *("time_s", "named", "answer", "parameter", "reached"),
         *("lat_deg", "lon_deg", "velocity_mps", "heading_deg", "altitude_m"),
     )
 )

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +15,8 @@ from numpy.typing import NDArray
 from eadp.core.arrays import FloatArray
 from eadp.core.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, InputError, printable
-from eadp.io.logs import Tables, at_times, check_readable, read_tables
-from eadp.io.text.streams import Text, is_tlog, read_text
+from eadp.io.logs import Tables, at_times, read_tables
+from eadp.io.text.streams import Text, read_text
 from eadp.measure.power_log import (
     AIRSPEED,
     BANK,
@@ -34,7 +31,7 @@ from eadp.measure.power_log import (
     read_csv_log,
     rows_text,
 )
-from eadp.plug_ins import plug_in, plug_ins
+from eadp.plug_ins import plug_ins
 
 # names changed from version to version: the first that has readings is taken
 _VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
@@ -186,7 +183,6 @@ _CALIBRATED = (
     ("airspeed", "indicated_airspeed_m_s"),
     ("ARSP", "Airspeed"),
     ("CTUN", "As"),
-    ("VFR_HUD", "airspeed"),
 )
 _TRUE_OVER_CALIBRATED = (("CTUN", "E2T"),)
 _HEIGHTS = (("vehicle_global_position", "alt"), ("POS", "Alt"), ("GPS", "Alt"))
@@ -263,51 +259,6 @@ def _table(tables: Tables, topic: str, label: str) -> dict[str, FloatArray]:
             first = slice(None) if instances is None else instances == instances[0]
             return {"time_us": table[times[0]][first]} | {key: values[first] for key, values in table.items()}
     return {}
-
-
-_CLOCKS = ("ATTITUDE", "GLOBAL_POSITION_INT", "SYSTEM_TIME")
-"""Messages with the autopilot's time, which those of the battery do not have."""
-_WANTED = frozenset((*_CLOCKS, "SYS_STATUS", "BATTERY_STATUS", "VFR_HUD"))
-
-
-def tlog_tables(path: str) -> Tables:
-    """The messages of a telemetry log by the topics and names that autopilots' logs have; raises InputError."""
-    check_readable(path, path, "pymavlink", "a telemetry log")
-    rows: dict[str, list[dict[str, float]]] = {}
-    time_us, system = math.nan, None
-    for message in plug_in("message_readers", "tlog")(Path(path).read_bytes(), _WANTED):
-        fields = message.fields
-        if message.kind == "SYS_STATUS" and system is None:
-            system = message.system  # that of the first vehicle with a battery
-        if system not in (None, message.system):
-            continue
-        if message.kind in _CLOCKS:
-            time_us = fields["time_boot_ms"] * 1e3
-        for topic, row in _rows(message.kind, fields) if math.isfinite(time_us) else ():
-            rows.setdefault(topic, []).append({"timestamp": time_us, "TimeUS": time_us, **row})
-    columns = {
-        topic: {name: np.array([row[name] for row in found]) for name in found[0]} for topic, found in rows.items()
-    }
-    return Tables(columns)
-
-
-def _rows(kind: str, fields: Any) -> Iterator[tuple[str, dict[str, float]]]:
-    """What a message says, as rows of topics of autopilots' logs; −1 and 0 are unknown there, too."""
-    if kind == "SYS_STATUS":
-        amps = fields["current_battery"]
-        volts = fields["voltage_battery"] % 65535  # 65535 is unknown
-        yield "battery_status 0", {"voltage_v": volts / 1e3, "current_a": -1.0 if amps < 0 else amps / 100}
-    elif kind == "BATTERY_STATUS" and fields["id"] > 0:
-        volts, amps = sum(cell for cell in fields["voltages"] if cell != 65535), fields["current_battery"]
-        row = {"voltage_v": volts / 1e3, "current_a": -1.0 if amps < 0 else amps / 100}
-        yield f"battery_status {fields['id']}", row
-    elif kind == "VFR_HUD":
-        yield "VFR_HUD", {"airspeed": fields["airspeed"]}
-        yield "BARO", {"CRt": fields["climb"]}
-    elif kind == "ATTITUDE":
-        yield "ATT", {"Roll": math.degrees(fields["roll"])}
-    elif kind == "GLOBAL_POSITION_INT" and (fields["lat"] or fields["lon"]):
-        yield "POS", {"Alt": fields["alt"] / 1e3}
 
 
 HEAD = 20_000
@@ -398,10 +349,6 @@ def _bag(source: LogSource, columns: Columns) -> PowerLog:
     return battery_log(source.name, tables, columns)
 
 
-def _tlog(source: LogSource, columns: Columns) -> PowerLog:
-    return battery_log(source.name, tlog_tables(source.name), columns)
-
-
 FORMATS = (
     LogFormat("PX4 ULog", lambda head: head.startswith(b"ULog"), partial(_autopilot, "ulog", ULOG_TOPICS)),
     LogFormat(
@@ -410,7 +357,6 @@ FORMATS = (
         partial(_autopilot, "dataflash", DATAFLASH_TOPICS),
     ),
     LogFormat("ROS bag", lambda head: head.startswith(BAG_MAGICS), _bag),
-    LogFormat("telemetry log", is_tlog, _tlog),
     LogFormat("ArduPilot DataFlash as text", is_dataflash_text, _dataflash_text),
     LogFormat("CSV", lambda head: True, lambda source, columns: read_csv_log(source.text, columns)),
 )
