@@ -463,8 +463,6 @@ class _GroundVelocity:
         times, offsets = data[:, 0] - sample.time_s, data[:, 1:] - data[-1, 1:]
         if len(positions) < 2 or -times[0] < MIN_SPAN_S:
             return None
-        # least squares of p = p₀ + v t + c t², with t and p from the last one; a line through two
-        columns = [np.ones_like(times), times, times**2][: len(positions)]
-        slopes = np.linalg.lstsq(np.stack(columns, axis=1), offsets, rcond=None)[0][1]
-        vx, vy = float(slopes[0]), float(slopes[1])
+        # p = p₀ + v t + c t², with t and p from the last one; a line through two
+        vx, vy = np.polyfit(times, offsets, min(2, len(positions) - 1))[-2].tolist()
         return (vx, vy) if math.hypot(vx, vy) <= self._max_mps else None
