@@ -10,7 +10,7 @@
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `measurers` | `command` | what `eadp profile --measure` runs |
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
-| `message_readers`, `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
+| `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
 | `estimators` | `power`, `log` | a `PowerEstimator`, with the settings in `estimator:`; the same over a log |
 | `result_writers` | any | writes into the folder of a flight: a function of a `Flight` and its path |
@@ -62,7 +62,6 @@ OWN: dict[str, dict[str, str]] = {
         "latex": "eadp.check.proof:latex_text",
     },
     "measurers": {"command": "eadp.measure.measuring:measure_profile"},
-    "message_readers": {"tlog": "eadp.live.mavlink:tlog_messages"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.recorded:flown_track"},
     "jobs": {"sorties": "eadp.survey.folder:SORTIE_JOBS"},

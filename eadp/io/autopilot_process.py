@@ -91,33 +91,31 @@ def _dataflash(form: str, path: str, topics: list[str]) -> dict[str, Any]:
 
 
 def _bag(path: str, topics: list[str]) -> dict[str, Any]:
-    """Batteries of a ROS bag, numbered by their topics' names, and the positions of its fullest topic of them."""
+    """Batteries of a ROS bag, numbered by their topics' names."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    battery, fix = topics
+    (battery,) = topics
     # rosbag2 did not store definitions at first
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
         kinds = {name: info.msgtype for name, info in sorted(bag.topics.items())}
         names = [f"{name} ({kind})" for name, kind in kinds.items()]
         batteries = [name for name, kind in kinds.items() if kind == battery]
         tables = {name: f"battery_status {i} {name}" for i, name in enumerate(batteries)}
-        fixes = [name for name, kind in kinds.items() if kind == fix]
-        tables |= {max(fixes, key=lambda name: bag.topics[name].msgcount): "GPS"} if fixes else {}
+        if not tables:
+            return {"notes": names}
         rows: dict[str, dict[str, array[float]]] = {}
         for each, time_ns, raw in bag.messages([each for each in bag.connections if each.topic in tables]):
             message: Any = bag.deserialize(raw, each.msgtype)
             stamp = message.header.stamp
-            row = {"timestamp": (stamp.sec * 1_000_000_000 + stamp.nanosec or time_ns) / 1e3}
-            if each.msgtype == battery:  # the current is below 0 while it discharges
-                row |= {"voltage_v": message.voltage, "current_a": -message.current}
-            else:
-                row |= {"Lat": message.latitude, "Lng": message.longitude, "Alt": message.altitude}
+            time_us = (stamp.sec * 1_000_000_000 + stamp.nanosec or time_ns) / 1e3
+            # the current is below 0 while it discharges
+            row = {"timestamp": time_us, "voltage_v": message.voltage, "current_a": -message.current}
             table = rows.setdefault(tables[each.topic], {name: array("d") for name in row})
             for name, value in row.items():
                 table[name].append(value)
     columns: dict[str, Any] = {f"{key}/{name}": value for key, table in rows.items() for name, value in table.items()}
-    return columns if any(key in rows for key in tables.values() if key != "GPS") else {"notes": names}
+    return columns or {"notes": names}
 
 
 def _numbers(message: Any, fields: tuple[str, ...]) -> list[float]:

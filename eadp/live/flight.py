@@ -43,7 +43,8 @@ STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
 
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
 NOT_FLOWN, RETURNS = "the plan is not flown: parameters stay", "the autopilot returns: parameters stay"
-UNDECIDED = TAKE_OFF, KEPT, NOT_FLOWN, RETURNS
+NOT_PLACED = "the stage being flown is not known, do not act on this: parameters stay"
+UNDECIDED = TAKE_OFF, KEPT, NOT_FLOWN, RETURNS, NOT_PLACED
 """Reasons of advice without a decision of the planner."""
 
 
@@ -126,7 +127,7 @@ class LiveFlight:
     mission : Mission
         Known before take-off. The flight starts at the first sample with a position if that is far from the mission's
         start.
-    make, make_forecast : function of a Mission
+    make : function of a Mission
         A new flight with its planner, and a forecast for planners without their own.
     every_s : float
         Maximum time between two pieces of advice [s].
@@ -140,12 +141,10 @@ class LiveFlight:
     def __init__(
         self,
         mission: Mission,
-        make: Callable[[Mission], PlannedFlight],
-        make_forecast: Callable[[Mission], HeldForecast],
+        make: Callable[[Mission], tuple[PlannedFlight, HeldForecast]],
         every_s: float,
     ) -> None:
-        self._mission = mission
-        self._make, self._make_forecast = make, make_forecast
+        self._mission, self._make = mission, make
         self._schedule = _Schedule(every_s)
         self._messages = Messages()
         self._ground = _GroundVelocity(mission.cruise_mps)
@@ -156,6 +155,7 @@ class LiveFlight:
         self._flight: PlannedFlight
         self._held: HeldForecast
         self._departure = Departure()
+        self._began_elsewhere = False  # far from the plan's start, without a report of the stage
         self._origin_s = 0.0  # the flight's time 0 on the samples' clock [s]
         # time [s] and state of charge of the last sample
         self._last: tuple[float, float] = (0.0, 1.0)
@@ -264,27 +264,22 @@ class LiveFlight:
         self._climbs = InitialClimb(sample, mission.cruise_mps, _altitude_m(mission, mission.plan.stages[0]))
         if self._climbs.from_ground:
             mission = self._mission = replace(mission, altitude_m=sample.altitude_m or 0.0)
-        # the flight is in the middle of its plan: it has the parameters that it reports, within their sets
+        # a flight in the middle of its plan has the parameters that it reports
         within = sample.stage not in (None, 1) or (sample.stages_started or 1) > 1
-        if (within or away) and mission.plan.has_sets:
-            plan, values = mission.plan, list(mission.parameters)
-            for name, value in plan.by_name(sample.parameters).items():
-                if name in plan.names and not math.isnan(value):
-                    i = plan.names.index(name)
-                    values[i] = plan.hull(i).clip(value)
-            mission = replace(mission, parameters=tuple(values))
-        time_s = min(0.0, elapsed_s)
-        self._tracker = PlanTracker(mission, mission.start_m or start if within else start, time_s, self._messages)
+        reported = mission.plan.by_name(sample.parameters) if within or away else {}
+        time_s, begins_m = min(0.0, elapsed_s), mission.start_m or start if within else start
+        self._tracker = PlanTracker(mission, begins_m, time_s, self._messages, reported)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
         self._started = True
         if within:
             self._tracker.begin_within(sample._replace(time_s=elapsed_s))
         else:
             self._messages.reasons.append(TAKE_OFF)
-            self._tracker.guessed = away
-        joined_m = self._tracker.executor.joined_m
-        mission = replace(mission, start_m=joined_m, live=True, clock_s=self._origin_s)
-        self._flight, self._held = self._make(mission), self._make_forecast(mission)
+            self._tracker.guessed = self._began_elsewhere = away
+        executor = self._tracker.executor
+        known = {"start_m": executor.joined_m, "parameters": executor.parameters}
+        mission = replace(mission, **known, live=True, clock_s=self._origin_s)
+        self._flight, self._held = self._make(mission)
 
     def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:
         """Advance through the plan to a sample; return the position at it, see `PlanTracker.track`.
@@ -303,22 +298,27 @@ class LiveFlight:
 
     def _update_departure(self, to: Sample) -> None:
         """Update whether the plan is flown, and where it is taken up again, with a sample that is tracked."""
-        tracker, cruise_mps = self._tracker, self._mission.cruise_mps
-        executor, was_away = tracker.executor, self._departure.away
+        tracker, was_away = self._tracker, self._departure.away
+        executor = tracker.executor
         # the first leg may be joined from anywhere
         known = to.position_m is not None and executor.stages_started > 1 and not tracker.stage_unknown
         mismatch = path_mismatch(executor, to) if known else 0.0
         if self._climbs.on_plan:
-            self._departure.update(to, executor.cursor.airspeed_mps or cruise_mps, mismatch)
+            self._departure.update(to, mismatch)
         if self._departure.away_s > BY_HAND_S:
             tracker.through_gap = True
         back = bool(to.flies_mission) and was_away
         self._departure.rejoins = (self._departure.rejoins or back) and (tracker.is_behind or mismatch > FAR)
 
+    @property
+    def _not_placed(self) -> bool:
+        """Whether nothing shows yet where in its plan the flight began: no report, and no start of a stage."""
+        return self._began_elsewhere and self._tracker.guessed
+
     def _observation(self, to: Sample, position: Point, soc: float) -> Observation:
         """A sample as an observation, see `PlanTracker.observation`."""
         return self._tracker.observation(to, position, soc)._replace(
-            on_plan=self._climbs.on_plan and not self._departure.away,
+            on_plan=self._climbs.on_plan and not (self._departure.away or self._not_placed),
             returns_home=to.returns_home or self._flight.decision.returns_home,
             rejoins_at_start=self._tracker.is_behind if self._departure.rejoins else None,
         )
@@ -355,6 +355,8 @@ class LiveFlight:
         Adds the decision's reason to those of this sample.
         """
         decision, record, reasons = flight.decision, flight.decision.record, self._messages.reasons
+        if self._not_placed:
+            return self._advice(sample, NOT_PLACED, sample.wind_mps, Ending())
         if self._departure.away:
             reason = RETURNS if sample.returns_home else NOT_FLOWN
             end = self._forecast(flight.state, self._tracker.applied.effective)
@@ -461,8 +463,6 @@ class _GroundVelocity:
         times, offsets = data[:, 0] - sample.time_s, data[:, 1:] - data[-1, 1:]
         if len(positions) < 2 or -times[0] < MIN_SPAN_S:
             return None
-        # least squares of p = p₀ + v t + c t², with t and p from the last one; a line through two
-        columns = [np.ones_like(times), times, times**2][: len(positions)]
-        slopes = np.linalg.lstsq(np.stack(columns, axis=1), offsets, rcond=None)[0][1]
-        vx, vy = float(slopes[0]), float(slopes[1])
+        # p = p₀ + v t + c t², with t and p from the last one; a line through two
+        vx, vy = np.polyfit(times, offsets, min(2, len(positions) - 1))[-2].tolist()
         return (vx, vy) if math.hypot(vx, vy) <= self._max_mps else None

@@ -7,29 +7,22 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
-from eadp.live.locator import GAP_S, GAP_STEPS, MAX_STDS, path_mismatch
+from eadp.live.locator import GAP_S, GAP_STEPS, path_mismatch
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.planning.base import Sample
-from eadp.planning.state.flight_state import SLOWS_S
 
 MAX_GAP_S = 3600.0
 SPEED_FACTOR, SLACK_M = 3.0, 50.0
 """Maximum distance of a sample from the last one: multiple of the cruise speed, and a constant [m]."""
 MIN_AGREEING, MIN_BACK = 3, 10
 """Number of consecutive samples in agreement that are accepted however far they are from the last one; and however
-early, if the position does not go on."""
+early."""
 
 FROZEN_S, MOVING_SHARE = 2.0, 0.1
 """Time after which an unchanged position is frozen [s], if the aircraft moves: by this share of the cruise speed."""
-
-ON_SHARE, ON_M = 0.5, 20.0
-"""Distance from a straight line on at which a position goes on: a share of that at cruise speed, and a constant [m]."""
-
-DRAINED_SHARE = 0.5
-"""Share of the charge drained at the mean rate so far above which a time has passed."""
 
 CLOCK = "clock"
 
@@ -59,8 +52,6 @@ class OutlierGate:
         # time [s] and position [m] of the last position accepted, and the velocity to it from the one before [m/s]
         self._located: tuple[float, Point] | None = None
         self._velocity: Point | None = None
-        # time [s] and state of charge of the first sample with a charge
-        self._first_charge: tuple[float, float] | None = None
         # the last sample that may be on a clock that jumped, and how many consecutive ones agree on that clock
         self._off_clock: Sample | None = None
         self._off_clock_count = 0
@@ -81,8 +72,7 @@ class OutlierGate:
             step_s = sample.time_s - last.time_s
             gap = step_s > GAP_S and step_s > GAP_STEPS * self._step_s
             # a step back, or far on, may be a clock that jumped: the samples that follow confirm it
-            jump = self._jump(last, sample) if step_s <= 0 or gap else None
-            if jump is not None:
+            if (jump := self._jump(last, sample)) is not None:
                 if not self._confirm(sample, step_s):
                     return None, jump
                 sample, notice = self._reset_clock(last, sample, step_s)
@@ -90,8 +80,6 @@ class OutlierGate:
                 notice = Notice("time_s", f"a gap of {step_s:.6g} s", "lines more often")
             self._step_s = sample.time_s - last.time_s
         self._last, self._off_clock, self._off_clock_count = sample, None, 0
-        if self._first_charge is None and sample.soc is not None:
-            self._first_charge = sample.time_s, sample.soc
         wrong = self._take_position(sample)
         if wrong is not None or self._frozen:
             return sample._replace(position_m=None), wrong or notice
@@ -100,40 +88,15 @@ class OutlierGate:
     # --- the clock
 
     def _jump(self, last: Sample, sample: Sample) -> Notice | None:
-        """A notice where the clock may have jumped, so that the time has to be confirmed; None where it has not.
-
-        A time before the last sample's has to be confirmed, and a later one if it is far ahead, or if position and
-        charge go on as if less time had passed.
-        """
+        """A notice where the clock may have jumped, so that the time has to be confirmed; None where it has not."""
         step_s = sample.time_s - last.time_s
         if step_s <= 0:
             what = f"late: {sample.time_s:.15g} s is not after {last.time_s:.15g} s"
             return Notice("time_s", what, "a time after the last line's")
-        goes_on = self._goes_on(sample, (self._off_clock_count + 1) * self._step_s)
-        if step_s > MAX_GAP_S or (goes_on and not self._drained(last, sample)):
+        if step_s > MAX_GAP_S:
             expected = f"{MAX_GAP_S:g} s or less, or {MIN_AGREEING} lines in a row that agree"
-            if step_s <= MAX_GAP_S:
-                expected = f"a position as far on, or {MIN_AGREEING} lines in a row that agree"
             return Notice("time_s", f"{step_s:.6g} s after the last line", expected)
         return None
-
-    def _drained(self, last: Sample, sample: Sample) -> bool:
-        """Whether the charge has fallen by what the time between two samples, if true, has used at the mean rate."""
-        if self._first_charge is None or last.soc is None or sample.soc is None or last.time_s <= self._first_charge[0]:
-            return False
-        # at the mean rate since the first sample
-        (first_s, first_soc), step_s = self._first_charge, sample.time_s - last.time_s
-        expected = (first_soc - last.soc) / (last.time_s - first_s) * step_s
-        return last.soc - sample.soc > DRAINED_SHARE * expected > 0
-
-    def _goes_on(self, sample: Sample, step_s: float) -> bool:
-        """Whether the aircraft moves, and is near where a straight flight gets from the last position in `step_s`."""
-        position, velocity = sample.position_m, self._velocity
-        if self._located is None or position is None or velocity is None or not self._moving(sample):
-            return False
-        (x, y), (vx, vy) = self._located[1], velocity
-        distance_m = math.dist(position, (x + step_s * vx, y + step_s * vy))
-        return distance_m <= ON_SHARE * self._cruise_mps * step_s + ON_M
 
     def _confirm(self, sample: Sample, step_s: float) -> bool:
         """Count a sample that may be on a clock that jumped; return whether enough in a row agree that it has.
@@ -145,21 +108,17 @@ class OutlierGate:
         self._off_clock_count = self._off_clock_count + 1 if agrees else 1
         if step_s > 0:
             return self._off_clock_count >= MIN_AGREEING
-        if -step_s <= GAP_S:  # a sample that was delayed
-            return False
-        # far back: sooner where the position goes on, as if usual steps had passed
-        goes_on = self._goes_on(sample, self._off_clock_count * self._step_s)
-        return self._off_clock_count >= (MIN_AGREEING if goes_on else MIN_BACK)
+        return -step_s > GAP_S and self._off_clock_count >= MIN_BACK  # else it was delayed
 
     def _reset_clock(self, last: Sample, sample: Sample, step_s: float) -> tuple[Sample, Notice]:
         """Set the clock's offset after a jump of `step_s`; return the sample on the corrected clock, and a notice.
 
         The time that has passed is that of as many usual steps as there were samples, or of the distance at cruise
-        speed, if that is longer and the position does not go on straight.
+        speed, if that is longer.
         """
         usual_s = self._off_clock_count * max(self._step_s, 1e-3)
         way_s = 0.0
-        if self._located is not None and sample.position_m is not None and not self._goes_on(sample, usual_s):
+        if self._located is not None and sample.position_m is not None:
             way_s = math.dist(self._located[1], sample.position_m) / self._cruise_mps
         passed_s = max(usual_s, way_s)
         self._clock_offset_s += passed_s - step_s
@@ -221,9 +180,6 @@ class OutlierGate:
 AHEAD_M = 20.0
 """Distance straight on within which a certain end is passed by the error of a position, `MARGIN_M` [m]."""
 
-ELSEWHERE = 9.0
-"""Squared mismatch with the plan, in standard deviations, of an aircraft that flies anywhere."""
-
 
 def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None) -> bool:
     """Whether the end of a plan is passed by more than the error of a position.
@@ -256,18 +212,19 @@ def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None
     return True
 
 
-ALIKE = 7.0
-"""Log odds from which on it is known whether a flight goes on: 1 to 1,000."""
+FAR, NEAR, STAYS_S = 9.0, 4.0, 5.0
+"""Square of the mismatch of position and course with the path, in standard deviations (`path_mismatch`), from which on
+the plan is not flown: 45 m, or 86°; and that below which it has to stay for some time [s] to be flown again: circles
+cross the path. In flights of the plant it is below 2."""
 
-INDEPENDENT_S = 4.0
-"""Time between positions that are independent evidence [s]."""
+BY_HAND_S = 5.0
+"""Time off the plan from which on a leg counts as flown by hand [s]: turns may be flown wide for a moment."""
 
 
 class Continuation:
     """Whether a flight goes on along its plan after an end of it, by the positions that follow.
 
-    Two hypotheses compete: the aircraft follows the plan, or flies anywhere. Positions count for the first only from
-    the next leg on, since a loiter at the end may lie on the leg that ends.
+    Positions near the path count from the next leg on, since a loiter at the end may lie on the leg that ends.
 
     Parameters
     ----------
@@ -276,37 +233,22 @@ class Continuation:
     """
 
     def __init__(self, executor: PlanExecutor) -> None:
-        self._stages_started = executor.stages_started
-        self._log_odds = 0.0
+        self._stages_started, self._near_s = executor.stages_started, 0.0
 
     def update(self, executor: PlanExecutor, to: Sample, step_s: float) -> bool | None:
-        """Weigh a position, `step_s` [s] after the last one; return whether the flight goes on, None while unknown."""
+        """Take a sample, `step_s` [s] after the last one; return whether the flight goes on, None while unknown."""
         if executor.complete:
             return False
-        if to.position_m is not None:
-            # log odds of the plan against anywhere, by this position
-            log_odds = (ELSEWHERE - min(path_mismatch(executor, to), 2 * MAX_STDS**2)) / 2
-            if log_odds < 0 or executor.stages_started > self._stages_started:
-                self._log_odds += log_odds * min(1.0, step_s / INDEPENDENT_S)
-        return None if abs(self._log_odds) < ALIKE else self._log_odds > 0
-
-
-FAR, NEAR, STAYS_S = 9.0, 4.0, 5.0
-"""Square of the mismatch of position and course with the path, in standard deviations (`path_mismatch`), from which on
-the plan is not flown: 45 m, or 86°; and that below which it has to stay for some time [s] to be flown again: circles
-cross the path. In flights of the plant it is below 2."""
-
-OTHER_SPEED, AIRSPEED_S, USUAL_S, LASTING_S = 0.2, 5.0, 60.0, 300.0
-"""Difference of the airspeed from the usual one, as a share of that of the plan, from which on the plan is not flown;
-and the time constants of both [s]: gusts are shorter, and an aircraft may always fly slower than its plan. Where that
-is not known to be flown, another airspeed becomes usual later: it is a pilot's before it is the mission's."""
-
-BY_HAND_S = 5.0
-"""Time off the plan from which on a leg counts as flown by hand [s]: turns may be flown wide for a moment."""
+        mismatch = 0.0 if to.position_m is None else path_mismatch(executor, to)
+        if mismatch > FAR:
+            self._near_s -= step_s
+        elif executor.stages_started > self._stages_started:
+            self._near_s += step_s
+        return None if abs(self._near_s) < STAYS_S else self._near_s > 0
 
 
 class Departure:
-    """Follows whether the plan is flown: by the autopilot's mode, else by the distance from the path; by the airspeed.
+    """Follows whether the plan is flown: by the autopilot's mode, else by the distance from the path.
 
     Attributes
     ----------
@@ -321,44 +263,23 @@ class Departure:
     def __init__(self) -> None:
         self.away, self.away_s, self.rejoins = False, 0.0, False
         self._far, self._near_s = False, 0.0  # whether the path was left, and for how long it has been near again [s]
-        # mean airspeeds as shares of the plan's: of the last seconds, and the usual one
-        self._airspeed, self._usual = 1.0, 1.0
-        self._commanded: dict[float, float] = {}  # of an airspeed, when it was the plan's last [s]
         self._last_s: float | None = None
 
-    def update(self, sample: Sample, airspeed_mps: float, mismatch: float) -> None:
-        """Update `away` with a sample.
+    def update(self, sample: Sample, mismatch: float) -> None:
+        """Update `away` with a sample, and the mismatch of position and course with the path, see `path_mismatch`.
 
-        Parameters
-        ----------
-        sample : Sample
-        airspeed_mps : float
-            The plan's airspeed, as it is commanded [m/s]; while it changes, any between that and the one before it is.
-        mismatch : float
-            Of position and course with the path, as `path_mismatch`; 0 where it is not known.
+        The mismatch is 0 where it is not known.
         """
         step_s = 0.0 if self._last_s is None else max(sample.time_s - self._last_s, 0.0)
         self._last_s = sample.time_s
-        self._commanded[airspeed_mps] = sample.time_s
-        self._commanded = {mps: at_s for mps, at_s in self._commanded.items() if sample.time_s - at_s <= SLOWS_S}
-        if sample.airspeed_mps is not None:
-            low, high = min(self._commanded), max(self._commanded)
-            share = sample.airspeed_mps / min(max(sample.airspeed_mps, low), high)
-            self._airspeed -= math.expm1(-step_s / AIRSPEED_S) * (share - self._airspeed)
         self._near_s = self._near_s + step_s if mismatch <= NEAR else 0.0
         self._far = mismatch > FAR or (self._far and self._near_s < STAYS_S)
-        far = self._far if sample.flies_mission is None else not sample.flies_mission
-        self.away = far or abs(self._airspeed - self._usual) > OTHER_SPEED
+        self.away = self._far if sample.flies_mission is None else not sample.flies_mission
         self.away_s = self.away_s + step_s if self.away else 0.0
-        usual_s = LASTING_S if self.away and not sample.flies_mission else USUAL_S
-        self._usual -= math.expm1(-step_s / usual_s) * (self._airspeed - self._usual)
 
 
 APPLY_S, SAME_SHARE = 10.0, 0.01
 """Time in which the aircraft applies a parameter [s]; and by how much a value may be off, as a share of its set."""
-
-APART_S = 3.0
-"""By how much the aircraft may start a stage before positions show it, or after [s]."""
 
 
 class AppliedParameters:
@@ -391,11 +312,6 @@ class AppliedParameters:
         """The value that was reported of a parameter when another value of it was decided."""
         self._refused_s: dict[int, float] = {}
         """Since when a parameter that should have changed is reported as it was [s]."""
-        self._ahead_s: dict[int, float] = {}
-        """Since when a parameter is reported as decided, though by the plan's rules it is not in force yet [s]."""
-        self._expected = parameters
-        self._left: dict[int, tuple[float, float]] = {}
-        """Of each parameter: the value in force before its last change by the plan's rules, and that time [s]."""
 
     @property
     def effective(self) -> Vector:
@@ -439,23 +355,6 @@ class AppliedParameters:
                 self.held[i] = value
                 del self._refused_s[i]
         return held_before != self.held
-
-    def update_apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
-        """Indices of reported parameters that differ from `expected`, but have done so for less than `APART_S`.
-
-        `expected` are the parameters in force by the plan's rules. The aircraft may start a stage a little sooner, and
-        report what is decided; or later, and report what was in force before. Such a report is no refusal.
-        """
-        for i, value in enumerate(expected):
-            if value != self._expected[i]:
-                self._left[i] = self._expected[i], time_s
-        self._expected = expected
-        differ = {i: value for i, value in reported.items() if not self._same(i, value, expected[i])}
-        # sooner: reported as decided, since the first such report; later: as before the last change, since that change
-        ahead = [i for i, value in differ.items() if self._same(i, value, self.asked[i])]
-        self._ahead_s = {i: self._ahead_s.get(i, time_s) for i in ahead}
-        behind_s = {i: since_s for i, (value, since_s) in self._left.items() if i in differ and differ[i] == value}
-        return [i for i, since_s in (self._ahead_s | behind_s).items() if time_s - since_s < APART_S]
 
     def _same(self, i: int, one: float, other: float) -> bool:
         """Whether two values of a parameter are the same within its tolerance."""

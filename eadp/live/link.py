@@ -14,13 +14,13 @@ from eadp.api.inputs import FlightInputs
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import Fault, InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, stated_parameters, wanted_parameters
-from eadp.exchange.writer import MappedItem, items_text, parse_items, read_items, same_items
+from eadp.exchange.writer import MappedItem, items_text, parse_items, read_items
 from eadp.io.text.options import Flag
 from eadp.live.autopilot import ACCEPTED, CRITICAL, CommandedAirspeed, HeardAutopilot, Pilot
 from eadp.live.mavlink import COMPONENT, Link, Message, require_pymavlink, tlog_messages
 from eadp.live.messages import WANTED, LineMaker, ParameterCheck, values_of
-from eadp.live.mission import PROTOCOL, HeldMission, Holds, Mapped, Noted, Outgoing, Output, Warned
-from eadp.live.recorded import MISSION, TLOG, form_of, log_values
+from eadp.live.mission import PROTOCOL, HeldMission, Mapped, Noted, Outgoing, Output, Warned
+from eadp.live.recorded import TLOG, form_of, log_values
 from eadp.live.replanner import DECIDES_AIRSPEED, START, TELEMETRY, Emit, ReplanLog, Replanner, Warn
 from eadp.live.telemetry import numbered_lines, open_telemetry
 from eadp.models.performance import calibrated_over_true
@@ -65,24 +65,6 @@ class _WayHome:
     accepted: bool = False
 
 
-class _ExportedMap:
-    """The map of the items of the mission as exported, and whether it is that of the mission that a log has."""
-
-    def __init__(self, items: Sequence[MappedItem]) -> None:
-        self.items = items
-        self._mission_id: float | None = None  # in a ULog
-
-    def fits(self, count: int | None) -> bool:
-        """Whether a mission has as many items."""
-        return count == len(self.items)
-
-    def fits_id(self, mission_id: float, count: int | None) -> bool:
-        """Whether the mission of a ULog with a number is ours: the first one with as many items is."""
-        if self._mission_id is None and self.fits(count):
-            self._mission_id = mission_id
-        return mission_id == self._mission_id
-
-
 class LinkFlight:
     """The planner on an autopilot's messages.
 
@@ -121,8 +103,7 @@ class LinkFlight:
             )
         self._inputs, self._emit, self._send, self._log = inputs, emit, send, log
         # the map of the mission's items, as exported; None without --items
-        exported = None if options.items is None else read_items(options.items, self._path_names)
-        self._exported = None if exported is None else _ExportedMap(exported)
+        exported = self._exported = None if options.items is None else read_items(options.items, self._path_names)
         inputs = with_mission(inputs, exported)
         inputs = self._inputs = inputs if options.command_airspeed else inputs.at_one_airspeed()
         if options.command_airspeed and inputs.mission.vehicle.airspeed_range_mps is None:
@@ -198,11 +179,8 @@ class LinkFlight:
         if message.kind == "HEARTBEAT":
             begins = first or lost or (values["armed"] and not autopilot.armed)
             self._take_heartbeat(values, first=first)
-        if message.kind == "MISSION_CURRENT":
-            autopilot.judge(values["valid"], now_s)
-            self._count_items(values["item_count"], now_s)
-        if values.get("said") is not None:
-            autopilot.read_text(values["said"], now_s)
+        if message.kind == "MISSION_CURRENT" and mission is not None:
+            self._do(mission.count(values["item_count"], now_s))
         if self._check is not None and values.get("parameter") is not None:
             name, *number = values["parameter"]
             if (value := self._check.take(name, *number)) is not None:
@@ -251,28 +229,20 @@ class LinkFlight:
         if self._mission is not None:
             self._mission.ardupilot = autopilot.ardupilot
 
-    def _count_items(self, count: int | None, now_s: float) -> None:
-        """Take the number of items that the autopilot holds: where it has changed, the mission is read again.
-
-        Without a link to read it by, another number than the map's is another mission.
-        """
-        if self._mission is not None:
-            self._do(self._mission.count(count, now_s))
-        elif self._exported is not None and count is not None:
-            same = self._exported.fits(count)
-            if not (same and self._lines.flown):  # in flight as many items may be those of another mission
-                self._follow_map(same=same)
-
     def update(self, values: Mapping[str, Any]) -> None:
-        """Take what a message, or a row of a log, says, and re-plan with the lines that are due."""
-        if MISSION in values:
-            if self._exported is not None:
-                self._follow_map(same=same_items([each.item for each in self._exported.items], values[MISSION]))
-            return
-        if values.get("mission_id") is not None and self._exported is not None:
-            fits = self._exported.fits_id(values["mission_id"], values["item_count"])
-            if values["item_count"] is not None:
-                self._follow_map(same=fits)
+        """Take what a message, or a row of a log, says, and re-plan with the lines that are due.
+
+        Without a link to read the mission by, another number of items than the map's is another mission: stages are
+        found by the position then, with a warning.
+        """
+        count = values.get("item_count")
+        if self._mission is None and self._exported is not None and count is not None:
+            same = count == len(self._exported)
+            if not same:
+                self._lines.items = None
+                self._pilot.say(OTHER_MISSION)
+            elif not self._lines.flown:  # in flight as many items may be those of another mission
+                self._lines.items = self._exported
         for reading in self._lines.update(values):
             self._replanner.take(reading)
 
@@ -304,12 +274,6 @@ class LinkFlight:
         if differences := self._check.result():
             self._pilot.tell(f"the forecast does not hold: {differences}")
 
-    def _follow_map(self, *, same: bool) -> None:
-        """Find stages by the map from here on if the mission of a log is the `same`, else, with a warning, not."""
-        self._lines.items = self._exported.items if same and self._exported else None
-        if not same:
-            self._pilot.say(OTHER_MISSION)
-
     def _do(self, outputs: Iterable[Output]) -> None:
         """Do what an event of the mission asks for."""
         for output in outputs:
@@ -320,12 +284,6 @@ class LinkFlight:
                     self._pilot.tell(text)
                 case Noted(text):
                     self._pilot.note(text)
-                case Holds(items):
-                    holds = f"the autopilot holds the mission of --items: {items} items"
-                    if refusal := self._autopilot.refusal:
-                        self._pilot.tell(f"{holds}, and refuses it: {refusal}")
-                    else:
-                        self._pilot.note(holds)
                 case Mapped(mapped):
                     self._map(mapped)
 

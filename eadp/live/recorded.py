@@ -17,7 +17,6 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import InputError
-from eadp.exchange.items import NO_POSITION, MissionItem
 from eadp.io.logs import check_readable, read_tables
 from eadp.io.text.streams import is_tlog
 from eadp.live.mavlink import tlog_messages
@@ -51,8 +50,6 @@ _NAV_MISSION, _NAV_RETURNS, _NAV_OFFBOARD = 3, 5, 14
 """PX4's states of navigation: AUTO_MISSION, AUTO_RTL, OFFBOARD."""
 _INSTANCES = ("Instance", "Inst", "C", "I")
 _UNKNOWN = float("nan")
-MISSION = "mission"
-"""Key of the items that the autopilot holds from then on, home aside."""
 PICTURE, CAMERA = "picture", "camera"
 """Keys of a picture that was taken, and of whether pictures are taken from then on."""
 _TRIGGER_CONTROL = 2003
@@ -123,31 +120,9 @@ def _mode(row: Row) -> Values:
     }
 
 
-class _Mission:
-    """Collects the items of a mission: ArduPilot logs each that it holds, home first, when a mission has come."""
-
-    def __init__(self) -> None:
-        self._items: list[MissionItem] = []
-
-    def read(self, row: Row) -> Values:
-        """Take the row of an item; with the last item of a mission, return all of them, home aside, else nothing."""
-        number = int(row["CNum"])
-        if number == 0:  # another mission
-            self._items = []
-        if number == len(self._items):
-            numbers = (row.get(f"Prm{k}", _UNKNOWN) for k in range(1, 5))
-            place = row["Lat"], row["Lng"], row["Alt"]
-            self._items.append(MissionItem(int(row["CId"]), int(row.get("Frame", NO_POSITION)), (*numbers, *place)))
-        if len(self._items) < row["CTot"] or number != row["CTot"] - 1:
-            return {}
-        held, self._items = self._items, []
-        return {MISSION: held[1:]}
-
-
 def _flown(row: Row) -> Values:
-    """The item that PX4 flies to, the number of items, and the number of the mission: another one after an upload."""
-    count, mission_id = row.get("seq_total", 0), row.get("mission_id", row.get("instance_count", _UNKNOWN))
-    return {"item": int(row["seq_current"]), "item_count": int(count) or None, "mission_id": mission_id}
+    """The item that PX4 flies to, and the number of items."""
+    return {"item": int(row["seq_current"]), "item_count": int(row.get("seq_total", 0)) or None}
 
 
 _ULOG: dict[str, Callable[[Row], Values]] = {
@@ -168,6 +143,7 @@ _DATAFLASH: dict[str, Callable[[Row], Values]] = {
     "ARM": lambda row: {"armed": bool(row["ArmState"]), "active": True},
     "STAT": lambda row: {"in_air": bool(row["isFlying"])},
     "MODE": _mode,
+    "CMD": lambda row: {"item_count": int(row["CTot"]) - 1},  # home aside
     "MISE": _item,
     "CAM": lambda row: {PICTURE: True},
     "TRIG": lambda row: {PICTURE: True},
@@ -208,7 +184,7 @@ def log_values(path: str, form: str) -> Iterator[Values]:
     if form == TLOG:
         yield from _tlog_values(path)
         return
-    readers = _ULOG if form == "ulog" else {"CMD": _Mission().read, **_DATAFLASH}
+    readers = _ULOG if form == "ulog" else _DATAFLASH
     columns = read_tables(path, path, form, [*readers, *(topic for topic, *_ in _MOTION[form])]).columns
     tables = {topic.removesuffix(" 0"): first for topic, table in columns.items() if (first := _first_instance(table))}
     yield {"home_is_item": form == "dataflash"}
@@ -228,7 +204,7 @@ def log_values(path: str, form: str) -> Iterator[Values]:
         ]
     for _, _, reader, row in sorted(rows, key=lambda each: each[:2]):
         try:
-            yield {key: value if key == MISSION else finite(value) for key, value in reader(row).items()}
+            yield {key: finite(value) for key, value in reader(row).items()}
         except (ArithmeticError, LookupError, ValueError):
             continue
 

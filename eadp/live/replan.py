@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from eadp.api.given import File, FlightOptions, Warn, python_warnings
-from eadp.api.inputs import FlightInputs, load_flight
+from eadp.api.inputs import load_flight
 from eadp.errors import Fault, InputError
-from eadp.exchange.writer import read_items
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.options import Flag
 from eadp.live.link import LinkOptions, fly, replay_flight
@@ -101,8 +100,6 @@ def replan(
     home = ["on_infeasible=home"] if link.return_home else []
     overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner))
     inputs = load_flight(plan, **given, overrides=overrides)
-    if link.items is not None:
-        inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)
     published = None
     if (path := options.publish) is not None:
@@ -133,12 +130,3 @@ def replan(
             return fly(options.mavlink or "", inputs, link, log, emit, warn_one)
         name = "<stdin>" if options.telemetry == "-" else options.telemetry
         return replan_lines(inputs, stream, name, log, emit, warn_one)
-
-
-def _of_items(inputs: FlightInputs, items: str) -> FlightInputs:
-    """The flight with the path parameters of the first item of a map, a file of --items, at its start."""
-    mission = inputs.mission
-    names = mission.plan.names[: mission.plan.path_count]
-    mapped = read_items(items, names)
-    parameters = (*mapped[0].parameters, *mission.parameters[len(names) :]) if mapped else mission.parameters
-    return replace(inputs, mission=replace(mission, parameters=parameters))

@@ -308,8 +308,7 @@ class Replanner:
         self._mission = inputs.mission
         self._flight = LiveFlight(
             inputs.mission,
-            lambda mission: make_flight(settings, mission),
-            lambda mission: HeldForecast(settings, mission),
+            lambda mission: (make_flight(settings, mission), HeldForecast(settings, mission)),
             settings.every_s,
         )
         self._gate, self.reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name, inputs.mission)

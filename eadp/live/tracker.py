@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from eadp.core.geometry.curves import Point
@@ -21,6 +21,7 @@ from eadp.live.locator import (
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.stage import Box
 from eadp.planning.base import Mission, Observation, Sample
 
 MAX_NOTICES = 100
@@ -70,6 +71,8 @@ class PlanTracker:
         When [s].
     messages : Messages
         Takes what there is to say.
+    reported : mapping of str to float, optional
+        Parameters in force at the start, by name.
 
     Attributes
     ----------
@@ -94,15 +97,25 @@ class PlanTracker:
         Whether it flies to an item of a stage behind.
     """
 
-    def __init__(self, mission: Mission, start_m: Point, time_s: float, messages: Messages) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        start_m: Point,
+        time_s: float,
+        messages: Messages,
+        reported: Mapping[str, float] | None = None,
+    ) -> None:
         self._mission, self._messages = mission, messages
-        self.executor = PlanExecutor(mission.plan, mission.parameters, start_m, mission.rules)
+        plan, parameters = mission.plan, mission.parameters
+        if reported and plan.has_sets:
+            known = self._clipped(reported, [plan.hull(i) for i in range(len(parameters))])
+            parameters = tuple([known.get(i, value) for i, value in enumerate(parameters)])
+        self.executor = PlanExecutor(plan, parameters, start_m, mission.rules)
         self.stage_started_s = time_s
-        self.applied = AppliedParameters(mission.parameters, mission.plan)
+        self.applied = AppliedParameters(parameters, plan)
         self.located: tuple[float, Point] = (time_s, start_m)
         self._last_step_s = 0.0
         self._continuation: Continuation | None = None
-        self._past_stage: int | None = None  # the stage behind that was reported last: one notice for each
         self.lost = self.complete = self.flies_mission = self.is_behind = False
         self.through_gap = self.guessed = self._blind = False
 
@@ -273,19 +286,16 @@ class PlanTracker:
         # to the next start of that stage: in the next lap where it is the one flown, or one before it
         skips = executor.stages_to(reported)
         if reported == now:
-            self._past_stage = None
             # only positions distinguish the laps of a plan of one stage
             return None if skips == 1 else 0
         # a lap has as many stages as there are to the next start of this one
         lap_stages = executor.stages_to(now) if reported < now else None
         # a stage behind: 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is more than half of a lap
         if skips is None or (lap_stages is not None and 2 * skips > lap_stages):
-            if self._past_stage != reported:
-                self._past_stage = reported
-                what = f"stage {reported} is before stage {now}, which is flown; ignored"
-                self._messages.notices.append(Notice("stage", what, "a stage ahead"))
+            self._messages.once(
+                "stage", f"stage {reported} is before stage {now}, which is flown; ignored", "a stage ahead"
+            )
             return None
-        self._past_stage = None
         return skips
 
     def update_end(self, to: Sample, position: Point, step_s: float) -> bool | None:
@@ -352,13 +362,10 @@ class PlanTracker:
         if not parameters or self.lost:
             return
         expected, names = self.executor.parameters, self._mission.plan.names
-        on_their_way = {name for name, value in parameters.items() if math.isnan(value)}
-        released = [self.applied.release(names.index(name)) for name in on_their_way & set(names)]
-        reported = self._clipped({name: value for name, value in parameters.items() if name not in on_their_way})
+        on_their_way = [i for i, name in enumerate(names) if math.isnan(parameters.get(name, 0.0))]
+        released = [self.applied.release(i) for i in on_their_way]
+        reported = self._clipped(parameters, self.executor.stage.sets)
         values = [reported.get(i, value) for i, value in enumerate(expected)]
-        if not self.executor.cursor.table.live:
-            for i in self.applied.update_apart(time_s, reported, expected):
-                values[i] = expected[i]
         try:
             self.executor.take_in_force(values, position)
             if self.applied.update(time_s, reported, expected) or any(released):
@@ -366,22 +373,25 @@ class PlanTracker:
         except EadpError as error:
             self._lose(error)
 
-    def _clipped(self, parameters: Mapping[str, float]) -> dict[int, float]:
-        """Parameters reported, by index, within their sets; with a notice of each that is changed or unknown."""
-        names, sets = self._mission.plan.names, self.executor.stage.sets
+    def _clipped(self, parameters: Mapping[str, float], sets: Sequence[Box]) -> dict[int, float]:
+        """Parameters reported that are numbers, by index, within their sets, if there are any.
+
+        There is a notice of each that is changed or unknown.
+        """
+        names = self._mission.plan.names
         reported: dict[int, float] = {}
         for name, value in parameters.items():
             if name not in names:
                 known = f"one of {', '.join(names) or 'none'}"
                 what = f"the plan has no parameter {printable(name, 40)}; ignored"
                 self._messages.once("parameters", what, known, name)
-                continue
-            i = names.index(name)
-            reported[i] = clipped = sets[i].clip(value) if sets else value
-            if clipped != value:
-                known = f"a value in [{sets[i].lo:.10g}, {sets[i].hi:.10g}]"
-                what = f"{name} = {value:g} is outside its set; clipped"
-                self._messages.once("parameters", what, known, f"{name} outside")
+            elif not math.isnan(value):
+                i = names.index(name)
+                reported[i] = sets[i].clip(value) if sets else value
+                if reported[i] != value:
+                    known = f"a value in [{sets[i].lo:.10g}, {sets[i].hi:.10g}]"
+                    what = f"{name} = {value:g} is outside its set; clipped"
+                    self._messages.once("parameters", what, known, f"{name} outside")
         return reported
 
     def _hold(self, position: Point, hold: Callable[[Mapping[int, float]], None]) -> None:

@@ -72,8 +72,7 @@ def command(
 
     The log is a CSV with a header that names its columns and their units: time_s (or time_ms, or timestamp, in µs), and
     power_w or voltage_v and current_a; or a PX4 ULog, an ArduPilot DataFlash log, or a bag of ROS; or a recording of a
-    computer, as eadp profile reads it (tegrastats, jtop, nvidia-smi, INA219, hwmon, RAPL, …). Where a log has positions
-    (x_m and y_m, or lat and lon), and no other prior is given, the period is searched near the time of their laps.
+    computer, as eadp profile reads it (tegrastats, jtop, nvidia-smi, INA219, hwmon, RAPL, …).
 
     With --vehicle the power of an aircraft is fitted: in level flight, its rise with bank, climb and airspeed.
 

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.geodesy import to_local_m
 from eadp.core.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, InputError, printable
-from eadp.io.logs import Tables, at_times, check_readable, read_tables
-from eadp.io.text.streams import Text, is_tlog, read_text
+from eadp.io.logs import Tables, at_times, read_tables
+from eadp.io.text.streams import Text, read_text
 from eadp.measure.power_log import (
     AIRSPEED,
     BANK,
@@ -35,16 +31,16 @@ from eadp.measure.power_log import (
     read_csv_log,
     rows_text,
 )
-from eadp.plug_ins import plug_in, plug_ins
+from eadp.plug_ins import plug_ins
 
 # names changed from version to version: the first that has readings is taken
 _VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
 _CURRENT = ("current_a", "current_filtered_a", "Curr")
 _TIME_US = ("timestamp", "TimeUS")
 _TIME_MS = ("TimeMS",)
-ULOG_TOPICS = ("battery_status", "vehicle_local_position")
-DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
-BAG_TOPICS = ("sensor_msgs/msg/BatteryState", "sensor_msgs/msg/NavSatFix")
+ULOG_TOPICS = ("battery_status",)
+DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2")
+BAG_TOPICS = ("sensor_msgs/msg/BatteryState",)
 _USED = ("discharged_mah", "CurrTot")
 PARAMETERS, LARGEST_MAH = "parameters", 1e6
 """The topic of the parameters; no battery holds so much."""
@@ -52,13 +48,12 @@ _INSTANCE = ("Instance", "Inst", "I")
 
 
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
-    """The power log of one battery, voltage times current, with positions if there are any; raises InputError."""
+    """The power log of one battery, voltage times current; raises InputError."""
     if columns.power:
         raise InputError.at("--power", 1, 1, "an autopilot's log has no such columns", "none of it", columns.power[0])
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
     time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
-    position_m = _position_m(name, tables, time_us)
     warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
     counts: dict[str, int | float] = {"rows": len(time_us)}
     known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
@@ -69,9 +64,9 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
         message = f"{rows_text(unknown)} with an unknown voltage (0 or -1) or current (-1) left out"
         warnings.append(Fault(name, 1, 1, message, severity="warning"))
     motion = autopilot_motion(tables, time_us) if columns.motion else {}
-    others = np.stack([*(() if position_m is None else position_m.T), *motion.values(), time_us], axis=1)[:, :-1]
+    others = np.stack([*motion.values(), time_us], axis=1)[:, :-1]
     readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
-    log = in_order(name, readings, 1e6, warnings, counts, position=position_m is not None, also=tuple(motion))
+    log = in_order(name, readings, 1e6, warnings, counts, also=tuple(motion))
     return replace(log, battery=_of_battery(tables, columns.instance))
 
 
@@ -182,37 +177,12 @@ def _time_us(name: str, table: dict[str, FloatArray]) -> FloatArray:
     raise InputError.at(name, 1, 1, "messages of the battery have no time", "timestamp, TimeUS or TimeMS")
 
 
-def _position_m(name: str, tables: Tables, time_us: FloatArray) -> FloatArray | None:
-    """x, east, and y, north, at the battery's times."""
-    for kind, table in tables.columns.items():
-        if kind.startswith("vehicle_local_position ") and {"x", "y"} <= set(table) and len(table["x"]):
-            return _at(_time_us(name, table), np.stack([table["y"], table["x"]], axis=1), time_us)
-    for kind in ("POS", "GPS"):
-        table = tables.columns.get(kind, {})
-        longitude = next((table[label] for label in ("Lng", "Lon") if label in table), None)
-        if longitude is None or "Lat" not in table or not any(label in table for label in _TIME_US + _TIME_MS):
-            continue
-        degrees = np.stack([table["Lat"], longitude], axis=1)
-        fixed = (np.abs(degrees) <= (90, 180)).all(axis=1) & (degrees != 0).any(axis=1)
-        if not np.any(fixed):
-            continue
-        origin = float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1])
-        metres = np.array([to_local_m(float(lat), float(lon), origin) for lat, lon in degrees[fixed]])
-        return _at(_time_us(name, table)[fixed], metres, time_us)
-    return None
-
-
-def _at(known_us: FloatArray, position_m: FloatArray, time_us: FloatArray) -> FloatArray:
-    return np.stack([at_times(known_us, column, time_us) for column in position_m.T], axis=1)
-
-
 _TRUE = (("airspeed_validated", "true_airspeed_m_s"), ("airspeed", "true_airspeed_m_s"))
 _CALIBRATED = (
     ("airspeed_validated", "calibrated_airspeed_m_s"),
     ("airspeed", "indicated_airspeed_m_s"),
     ("ARSP", "Airspeed"),
     ("CTUN", "As"),
-    ("VFR_HUD", "airspeed"),
 )
 _TRUE_OVER_CALIBRATED = (("CTUN", "E2T"),)
 _HEIGHTS = (("vehicle_global_position", "alt"), ("POS", "Alt"), ("GPS", "Alt"))
@@ -291,51 +261,6 @@ def _table(tables: Tables, topic: str, label: str) -> dict[str, FloatArray]:
     return {}
 
 
-_CLOCKS = ("ATTITUDE", "GLOBAL_POSITION_INT", "SYSTEM_TIME")
-"""Messages with the autopilot's time, which those of the battery do not have."""
-_WANTED = frozenset((*_CLOCKS, "SYS_STATUS", "BATTERY_STATUS", "VFR_HUD"))
-
-
-def tlog_tables(path: str) -> Tables:
-    """The messages of a telemetry log by the topics and names that autopilots' logs have; raises InputError."""
-    check_readable(path, path, "pymavlink", "a telemetry log")
-    rows: dict[str, list[dict[str, float]]] = {}
-    time_us, system = math.nan, None
-    for message in plug_in("message_readers", "tlog")(Path(path).read_bytes(), _WANTED):
-        fields = message.fields
-        if message.kind == "SYS_STATUS" and system is None:
-            system = message.system  # that of the first vehicle with a battery
-        if system not in (None, message.system):
-            continue
-        if message.kind in _CLOCKS:
-            time_us = fields["time_boot_ms"] * 1e3
-        for topic, row in _rows(message.kind, fields) if math.isfinite(time_us) else ():
-            rows.setdefault(topic, []).append({"timestamp": time_us, "TimeUS": time_us, **row})
-    columns = {
-        topic: {name: np.array([row[name] for row in found]) for name in found[0]} for topic, found in rows.items()
-    }
-    return Tables(columns)
-
-
-def _rows(kind: str, fields: Any) -> Iterator[tuple[str, dict[str, float]]]:
-    """What a message says, as rows of topics of autopilots' logs; −1 and 0 are unknown there, too."""
-    if kind == "SYS_STATUS":
-        amps = fields["current_battery"]
-        volts = fields["voltage_battery"] % 65535  # 65535 is unknown
-        yield "battery_status 0", {"voltage_v": volts / 1e3, "current_a": -1.0 if amps < 0 else amps / 100}
-    elif kind == "BATTERY_STATUS" and fields["id"] > 0:
-        volts, amps = sum(cell for cell in fields["voltages"] if cell != 65535), fields["current_battery"]
-        row = {"voltage_v": volts / 1e3, "current_a": -1.0 if amps < 0 else amps / 100}
-        yield f"battery_status {fields['id']}", row
-    elif kind == "VFR_HUD":
-        yield "VFR_HUD", {"airspeed": fields["airspeed"]}
-        yield "BARO", {"CRt": fields["climb"]}
-    elif kind == "ATTITUDE":
-        yield "ATT", {"Roll": math.degrees(fields["roll"])}
-    elif kind == "GLOBAL_POSITION_INT" and (fields["lat"] or fields["lon"]):
-        yield "POS", {"Lat": fields["lat"] / 1e7, "Lng": fields["lon"] / 1e7, "Alt": fields["alt"] / 1e3}
-
-
 HEAD = 20_000
 """Bytes from the start of a file by which its format is recognised."""
 BAG_INDEX = "metadata.yaml"
@@ -409,7 +334,7 @@ def _bag(source: LogSource, columns: Columns) -> PowerLog:
     if not (os.path.isfile(source.name) or os.path.isdir(source.name)):
         raise InputError.at(source.text.name, 1, 1, "is not a regular file", _OF_A_PIPE)
     tables = read_tables(source.name, source.name, "bag", BAG_TOPICS)
-    names = {number: name for name in sorted(tables.columns) if name != "GPS" for number in (int(name.split(" ")[1]),)}
+    names = {int(name.split(" ")[1]): name for name in sorted(tables.columns)}
     if not names:
         found = printable(", ".join(tables.notes) or "none", 1000)
         raise InputError.at(source.name, 1, 1, f"has no messages of sensor_msgs/BatteryState; its topics: {found}")
@@ -424,10 +349,6 @@ def _bag(source: LogSource, columns: Columns) -> PowerLog:
     return battery_log(source.name, tables, columns)
 
 
-def _tlog(source: LogSource, columns: Columns) -> PowerLog:
-    return battery_log(source.name, tlog_tables(source.name), columns)
-
-
 FORMATS = (
     LogFormat("PX4 ULog", lambda head: head.startswith(b"ULog"), partial(_autopilot, "ulog", ULOG_TOPICS)),
     LogFormat(
@@ -436,7 +357,6 @@ FORMATS = (
         partial(_autopilot, "dataflash", DATAFLASH_TOPICS),
     ),
     LogFormat("ROS bag", lambda head: head.startswith(BAG_MAGICS), _bag),
-    LogFormat("telemetry log", is_tlog, _tlog),
     LogFormat("ArduPilot DataFlash as text", is_dataflash_text, _dataflash_text),
     LogFormat("CSV", lambda head: True, lambda source, columns: read_csv_log(source.text, columns)),
 )

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import fft
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals import output_row
@@ -20,7 +19,7 @@ from eadp.io.text.options import Flag
 from eadp.measure.formats import read_power_log
 from eadp.measure.noise import spikes
 from eadp.measure.power_log import Columns, PowerLog
-from eadp.measure.spectrum import MIN_PERIODS, Spectrum, analyse, vertex
+from eadp.measure.spectrum import Spectrum, analyse
 from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.plug_ins import plug_in
@@ -164,71 +163,6 @@ def _table(rows: Sequence[Sequence[object]]) -> str:
     return "".join(",".join(map(str, row)) + "\n" for row in rows)
 
 
-MAX_POINTS = 2000
-"""Most points of the even grid that positions are interpolated on."""
-MIN_CORRELATION = 0.5
-"""Smallest correlation of one lap with the next."""
-PEAK_SHARE = 0.8
-"""The first peak with this share of the largest correlation is the lap: two laps correlate too."""
-MIN_POSITIONS = 20
-
-
-def lap_time_s(times_s: ArrayLike, position_m: ArrayLike) -> float | None:
-    """Time of a lap, from the autocorrelation of the position.
-
-    Parameters
-    ----------
-    times_s : array, shape (n,)
-        Strictly increasing [s].
-    position_m : array, shape (n, 2)
-        x and y [m]; NaN where it is not known.
-
-    Returns
-    -------
-    float or None
-        The lap [s]; None where no lag correlates, as on a flight that does not return, or fewer than `MIN_POSITIONS`
-        positions are known.
-    """
-    times, position = np.asarray(times_s, dtype=float), np.asarray(position_m, dtype=float)
-    known = np.isfinite(position).all(axis=1)
-    if np.count_nonzero(known) < MIN_POSITIONS:
-        return None
-    times, position = times[known], position[known]
-    grid = np.linspace(times[0], times[-1], min(MAX_POINTS, 4 * len(times)))
-    even = np.stack([np.interp(grid, times, axis) for axis in position.T], axis=1)
-    # laps drift in a straight line: the survey's shift
-    drift = np.polynomial.polynomial.polyfit(grid - grid[0], even, 1)
-    correlation = _correlation(even - np.polynomial.polynomial.polyval(grid - grid[0], drift).T)
-    lag = _first_peak(correlation[: int(len(grid) / MIN_PERIODS) + 1])
-    return None if lag is None else lag * float(grid[1] - grid[0])
-
-
-def _correlation(position_m: FloatArray) -> FloatArray:
-    """Normalised correlation of the overlap at each lag, both axes together."""
-    n = len(position_m)
-    size = fft.next_fast_len(2 * n, real=True)
-    products = fft.irfft(np.abs(fft.rfft(position_m, size, axis=0)) ** 2, size, axis=0)[:n].sum(axis=1)
-    square = np.concatenate([[0.0], np.cumsum(np.sum(position_m**2, axis=1))])
-    lag = np.arange(n)
-    power = np.sqrt(square[n - lag] * (square[n] - square[lag]))
-    correlation: FloatArray = products / np.maximum(power, 1e-12 * square[n] + 1e-300)
-    return correlation
-
-
-def _first_peak(correlation: FloatArray) -> float | None:
-    """The first lag [steps] beyond the first descent below 0 whose peak is within `PEAK_SHARE` of the largest."""
-    below = np.flatnonzero(correlation < 0)
-    if not len(below) or below[0] + 2 >= len(correlation):
-        return None
-    start = int(below[0])
-    inner = correlation[start + 1 : -1]
-    peaks = start + 1 + np.flatnonzero((inner >= correlation[start:-2]) & (inner >= correlation[start + 2 :]))
-    if not len(peaks) or correlation[peaks].max() < MIN_CORRELATION:
-        return None
-    at = int(peaks[correlation[peaks] >= PEAK_SHARE * correlation[peaks].max()][0])
-    return at + vertex(correlation, at)
-
-
 @dataclass(frozen=True)
 class FitOptions:
     """How a log's power is fitted."""
@@ -264,11 +198,10 @@ def _refused(option: str, value: float, message: str, expected: str) -> InputErr
 
 @dataclass(frozen=True)
 class LogFit:
-    """A fit with its prior and the source of it, readings left out by reason, and warnings."""
+    """A fit with its prior, readings left out by reason, and warnings."""
 
     fitted: EnergyFit
     prior_s: float | None
-    prior_source: str
     counts: dict[str, int | float]
     warnings: list[Fault] = field(default_factory=list)
 
@@ -286,7 +219,7 @@ class LogFit:
             "candidate": {"period_s": candidate, "chance": spectrum.chance},
             "range_s": spectrum.range_s,
             "drift_s": spectrum.drift_s,
-            "prior": None if self.prior_s is None else {"period_s": self.prior_s, "source": self.prior_source},
+            "prior": None if self.prior_s is None else {"period_s": self.prior_s},
             "log": self.counts,
         }
 
@@ -320,9 +253,9 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
             counts["no_configuration"] = int(np.count_nonzero(~known))
         log = _kept(log, np.flatnonzero(known))
         power_w = log.power_w - _computing_power_w(options.profile, profile, configurations[known])
-    prior_s, source = _prior(log, options)
+    prior_s = options.period_prior_s
     try:
-        fitted = _fit(log, power_w, options, prior_s, source)
+        fitted = fit_energy(log.times_s, power_w, order=options.order, period_prior_s=prior_s)
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error)) from None
     if len(fitted.spikes):
@@ -332,16 +265,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         message = f"{many} left out, the first at {first_s:.6g} s"
         warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
     warnings += _doubts(log.name, fitted.spectrum)
-    return LogFit(fitted, prior_s, source, counts, warnings)
-
-
-def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> EnergyFit:
-    try:
-        return fit_energy(log.times_s, power_w, order=options.order, period_prior_s=prior_s)
-    except Infeasible:
-        if source != "position":  # a prior that was not asked for must not prevent a fit
-            raise
-        return fit_energy(log.times_s, power_w, order=options.order)
+    return LogFit(fitted, prior_s, counts, warnings)
 
 
 def _doubts(name: str, spectrum: Spectrum) -> list[Fault]:
@@ -377,7 +301,6 @@ def _kept(log: PowerLog, inside: IntArray) -> PowerLog:
         power_w=log.power_w[inside],
         voltage_v=None if log.voltage_v is None else log.voltage_v[inside],
         current_a=None if log.current_a is None else log.current_a[inside],
-        position_m=None if log.position_m is None else log.position_m[inside],
         also={name: values[inside] for name, values in log.also.items()},
     )
 
@@ -390,14 +313,6 @@ def _computing_power_w(path: str, profile: Profile, configurations: FloatArray) 
     except Infeasible as error:
         raise InputError.at(path, 1, 1, f"the log has a configuration outside the profile: {error}") from None
     return power[which.ravel()] if len(power) else np.zeros(len(configurations))
-
-
-def _prior(log: PowerLog, options: FitOptions) -> tuple[float | None, str]:
-    """The period to search near [s], and the source of it."""
-    if options.period_prior_s is not None:
-        return options.period_prior_s, "option"
-    lap_s = None if log.position_m is None else lap_time_s(log.times_s, log.position_m)
-    return lap_s, "" if lap_s is None else "position"
 
 
 def fit_power(

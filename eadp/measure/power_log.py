@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
 from eadp.io.profile.recordings import RECORDED, read_recording
 from eadp.io.text.csv import ISO_TIME, NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
@@ -75,7 +74,7 @@ class Columns(ColumnOptions):
     """The columns to read.
 
     `factors` asks for voltage and current even if there is a power; `also` for other columns, by name; `motion` for the
-    motion that the log has, in the columns below of `also`. Positions in degrees become metres about the first of them.
+    motion that the log has, in the columns below of `also`.
     """
 
     factors: bool = False
@@ -105,8 +104,6 @@ class PowerLog:
         Readings that were left out or sorted.
     voltage_v, current_a : array, shape (n,), or None
         Factors of the power [V, A], if it was computed from them.
-    position_m : array, shape (n, 2), or None
-        Positions in the log, x and y [m]; NaN in rows without one.
     also : dict of str to array, shape (n,)
         The other columns asked for.
     counts : dict of str to int or float
@@ -122,7 +119,6 @@ class PowerLog:
     warnings: list[Fault] = field(default_factory=list)
     voltage_v: FloatArray | None = None
     current_a: FloatArray | None = None
-    position_m: FloatArray | None = None
     also: dict[str, FloatArray] = field(default_factory=dict)
     counts: dict[str, int | float] = field(default_factory=dict)
     battery: dict[str, float] = field(default_factory=dict)
@@ -139,7 +135,7 @@ class LogReadings:
     factors : array, shape (n, 1) or (n, 2)
         Power [W], or voltage [V] and current [A].
     others : array, shape (n, m)
-        x and y [m] if `position`, then the other columns asked for.
+        The other columns asked for.
     lines : array, shape (n,)
         Line numbers.
     """
@@ -164,7 +160,6 @@ def in_order(
     warnings: list[Fault],
     counts: dict[str, int | float],
     *,
-    position: bool,
     also: Sequence[str] = (),
     names: Sequence[str] = ("voltage", "current"),
 ) -> PowerLog:
@@ -197,9 +192,8 @@ def in_order(
     found = sorted(warnings, key=lambda fault: (fault.line, fault.column))
     factors, others = readings.factors, readings.others
     volts, amps = (factors[:, 0], factors[:, 1]) if factors.shape[1] == 2 else (None, None)
-    where = others[:, :2] if position and np.isfinite(others[:, :2]).all(axis=1).sum() >= MIN_SAMPLES else None
-    named = {label: others[:, 2 * position + i] for i, label in enumerate(also)}
-    return PowerLog(name, times, factors.prod(axis=1), found, volts, amps, where, named, counts)
+    named = dict(zip(also, others.T, strict=True))
+    return PowerLog(name, times, factors.prod(axis=1), found, volts, amps, named, counts)
 
 
 def _doubts(name: str, times_s: FloatArray, power_w: FloatArray) -> list[Fault]:
@@ -313,7 +307,6 @@ _NEEDED = {
     "voltage": _Known("voltage_v", ("voltage", "volt"), {"v": 1, "volt": 1, "volts": 1, "mv": 1e3}),
     "current": _Known("current_a", ("current", "curr"), {"a": 1, "amp": 1, "amps": 1, "ma": 1e3}),
 }
-_POSITIONS = (("x_m", "y_m"), ("lat", "lon"), ("latitude", "longitude"), ("latitude_deg", "longitude_deg"))
 _MOTION: dict[str, dict[str, float]] = {
     AIRSPEED: dict.fromkeys(("airspeed_mps", "true_airspeed_mps", "tas_mps", "true_airspeed_m_s", "airspeed"), 1.0),
     BANK: {"bank_rad": 1.0, "roll_rad": 1.0, "bank_deg": math.pi / 180, "roll_deg": math.pi / 180},
@@ -350,8 +343,8 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
             message = f"a row every {step_s:.3g} s, if {PX4_TIME} is in µs"
             expected = "a name such as time_s or time_ms, or --time-unit"
             raise InputError(first.fault(layout.needed[0].place, message, expected))
-    names, placed = [first.fields[each.place] for each in layout.needed[1:]], layout.degrees is not None
-    log = in_order(text.name, readings, per_second, warnings, counts, position=placed, also=layout.also, names=names)
+    names = [first.fields[each.place] for each in layout.needed[1:]]
+    log = in_order(text.name, readings, per_second, warnings, counts, also=layout.also, names=names)
     return replace(log, battery=counted(log.also[USED])) if USED in log.also else log
 
 
@@ -391,8 +384,8 @@ class _Column(NamedTuple):
 class _Layout(NamedTuple):
     """Where a table has what.
 
-    `needed` are time and what makes the power; `others`, each with its unit in SI, may be empty: x and y or latitude
-    and longitude, if `degrees` is not None, and then those of `also`. A row has `width` fields. With `dates` times are
+    `needed` are time and what makes the power; `others`, each with its unit in SI, may be empty: those of `also`. A row
+    has `width` fields. With `dates` times are
     by ISO 8601, with `px4` PX4's.
     """
 
@@ -402,7 +395,6 @@ class _Layout(NamedTuple):
     width: int
     dates: bool
     px4: bool
-    degrees: bool | None
 
 
 def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
@@ -421,10 +413,8 @@ def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
     asked = {"power": next(iter(columns.power), ""), "voltage": columns.voltage, "current": columns.current}
     needed += [_needed(header, _find(header, role, asked[role]), role, None) for role in roles]
     px4 = not time_unit and _plain(header.fields[at]) == PX4_TIME
-    # a position, if there is one, and what is asked for by name, or by what it is
-    lower = [name.lower() for name in header.fields]
-    pair = next((pair for pair in _POSITIONS if all(name in lower for name in pair)), ())
-    others = [(lower.index(name), 1.0) for name in pair]
+    # what is asked for by name, or by what it is
+    lower, others = [name.lower() for name in header.fields], list[tuple[int, float]]()
     for name in columns.also:
         if name not in header.fields:
             raise InputError(header.fault(0, f"no column {printable(name, 80)}", f"one beside {_names_of(header)}"))
@@ -434,8 +424,7 @@ def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
     found = {role: next((name for name in names if name in lower), "") for role, names in known.items()}
     others += [(lower.index(name), known[role][name]) for role, name in found.items() if name]
     also = (*columns.also, *(role for role, name in found.items() if name))
-    degrees = pair[0] != "x_m" if pair else None
-    return _Layout(needed, others, also, len(header.fields), dates, px4, degrees)
+    return _Layout(needed, others, also, len(header.fields), dates, px4)
 
 
 def _power_roles(header: Row, columns: Columns) -> tuple[str, ...]:
@@ -538,8 +527,6 @@ def _readings(
     counts: dict[str, int | float] = {"rows": count, **{key: len(numbers) for key, numbers in dropped.items()}}
     table = np.array(values).reshape(len(lines), len(layout.needed))
     rest = np.array(others).reshape(len(lines), len(layout.others)) * [unit for _, unit in layout.others]
-    if layout.degrees and len(rest):
-        rest[:, :2] = _metres(name, rest[:, :2], lines)
     factors = table[:, 1:] / [each.per for each in layout.needed[1:]]
     return LogReadings(table[:, 0], factors, rest, np.array(lines, dtype=np.int64)), warnings, counts
 
@@ -580,23 +567,3 @@ def _seconds(raw: str) -> float | None:
 def _optional(fields: Sequence[str], index: int) -> float:
     """A cell that may be missing: NaN."""
     return float(fields[index]) if index < len(fields) and NUMBER.match(fields[index]) else math.nan
-
-
-def _metres(name: str, degrees: FloatArray, lines: Sequence[int]) -> FloatArray:
-    """Latitude and longitude [°] as metres about an origin, the first of them for None; large numbers are 1e-7 °."""
-    known = np.flatnonzero(np.isfinite(degrees).all(axis=1))
-    if not len(known):
-        return degrees
-    scaled = degrees * (1e-7 if np.nanmax(np.abs(degrees)) > 1000 else 1.0)
-    beyond = known[(np.abs(scaled[known]) > (90, 180)).any(axis=1)]
-    if len(beyond):
-        latitude, longitude = scaled[beyond[0]]
-        message = f"a latitude of {latitude:.7g} and a longitude of {longitude:.7g}"
-        swapped = ": they seem to be swapped" if abs(latitude) <= 180 and abs(longitude) <= 90 else ""
-        expected = "latitude within ±90 and longitude within ±180 degrees"
-        raise InputError.at(name, lines[beyond[0]], 1, f"{message}{swapped}", expected)
-    origin = float(scaled[known[0], 0]), float(scaled[known[0], 1])
-    result = np.full_like(degrees, np.nan)
-    for i in known:
-        result[i] = to_local_m(float(scaled[i, 0]), float(scaled[i, 1]), origin)
-    return result

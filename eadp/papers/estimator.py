@@ -5,9 +5,7 @@ Readings are of the motion alone: the computations' known power is taken off fir
 
 from __future__ import annotations
 
-import bisect
 import math
-from array import array
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Literal, NamedTuple
@@ -19,12 +17,7 @@ from numpy.typing import ArrayLike
 from eadp.core.arrays import FloatArray, NotNegative, Positive
 from eadp.core.signals import output_row
 from eadp.papers import forecasting
-from eadp.papers.forecasting import (
-    fit_disturbance,
-    rate_per_s,
-    stationary_covariance,
-    subsampled,
-)
+from eadp.papers.forecasting import stationary_covariance
 
 PUBLISHED = "published"
 
@@ -38,21 +31,8 @@ DRIFT_SHARE = 0.01
 NOMINAL_PERIOD_SHARE, ONE_LAP_SHARE = 0.05, 0.02
 """Relative standard deviation of a period: of a nominal one, and of one measured on fewer than three laps."""
 
-LEARN_PERIODS, LEARN_APERIODIC_S = 6, 300.0
-"""Length of the window for the noise estimate, in periods, or in seconds without a period."""
-
-LEARN_FIRST_PERIODS, LEARN_FIRST_S, LEARN_MAX_PERIODS = 2, 60.0, 10
-"""Time of the first noise estimate after the laps start, in periods, or in seconds without a period; the next follows
-after one and a half times the elapsed time, at the latest after `LEARN_MAX_PERIODS` periods, or as many times
-`LEARN_FIRST_S`."""
-
 EXACT_SENSOR_W = 1e-6
 """Smallest noise of a sensor, for one specified as exact."""
-
-LEARN_SAMPLES = 192
-READINGS_KEPT = 20_000
-MIN_NOISE_W, MIN_DISTURBANCE_W = 0.02, 0.05
-"""Lower bounds of the estimated noise: a quiet flight may become noisy."""
 
 LOOK_AHEADS = 12
 """Parts of a horizon at whose ends the power is forecast for the records of a flight."""
@@ -86,9 +66,6 @@ class EstimatorSettings:
 
     disturbance_time_s: Annotated[float, Ge(0.01), Le(1e6)] = 5.0
     """Time constant of the disturbance, a Matérn-3/2 process [s]."""
-
-    learn_noise: bool = True
-    """Learn the three above from the readings at intervals; they are the initial values."""
 
     level_drift_w_per_sqrt_s: NotNegative = 0.003
     """Random walk of the level [W/√s]."""
@@ -148,8 +125,7 @@ class ExactEstimator:
     """Level, harmonics of the lap and a Matérn-3/2 disturbance, by a Kalman filter that is exact for any step.
 
     The period is the last lap's time; its standard deviation is that of the changes between laps, and harmonics drift
-    at the rate at which it turns them. White noise and disturbance are estimated in flight by maximum likelihood, see
-    `eadp.papers.forecasting.fit_disturbance`.
+    at the rate at which it turns them.
 
     Parameters
     ----------
@@ -168,10 +144,6 @@ class ExactEstimator:
         Whether laps change the period.
     period_s, period_std_s : float
         T, None without a period, and its standard deviation [s].
-    noise_w : float
-        Standard deviation of the readings' white noise [W], as estimated so far.
-    disturbance : (float, float)
-        Standard deviation [W] and time constant [s] of the disturbance, as estimated so far.
 
     Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16 for the gate; docs/estimator.md.
     """
@@ -189,8 +161,6 @@ class ExactEstimator:
         self.follows_laps = self._order > 0
         self.period_s = period_s
         self.period_std_s = NOMINAL_PERIOD_SHARE * (period_s or 0.0) if period_std_s is None else period_std_s
-        self.noise_w = max(settings.noise_w, EXACT_SENSOR_W)
-        self.disturbance = settings.disturbance_std_w, settings.disturbance_time_s
         state = np.zeros(2 * self._order + 3)
         self._started = state_w is not None
         if state_w is not None:
@@ -198,9 +168,6 @@ class ExactEstimator:
         self._filter = self._first_filter(state)
         self._time_s: float | None = None  # of the last reading [s]
         self._lap_marks_s: list[float] = []  # starts of the laps in a row, and the end of the last [s]
-        # readings for the noise estimate, times [s] and powers [W]; since when, and when the next estimate is due [s]
-        self._readings = array("d"), array("d")
-        self._learn_from_s, self._learn_at_s = 0.0, math.inf
 
     @property
     def state_w(self) -> FloatArray:
@@ -214,20 +181,10 @@ class ExactEstimator:
 
         Predicts to `time_s`, and corrects with the reading unless the gate holds.
         """
-        if self._time_s is None:
-            self._time_s = time_s
-            self._restart_learning(time_s)
+        step_s, self._time_s = time_s - (time_s if self._time_s is None else self._time_s), time_s
         if motion_w is not None and not self._started:
             self._start(motion_w)
-        step_s, self._time_s = time_s - self._time_s, time_s
-        expected = self._filter.follow(step_s, motion_w, self._settings.gate_w)
-        if self._settings.learn_noise and motion_w is not None:
-            times, powers = self._readings
-            times.append(time_s)
-            powers.append(motion_w)
-            if time_s >= self._learn_at_s:
-                self._learn(time_s)
-        return expected
+        return self._filter.follow(step_s, motion_w, self._settings.gate_w)
 
     def _start(self, motion_w: float) -> None:
         """Initialise the level with the first reading of the motion's power [W]."""
@@ -243,8 +200,6 @@ class ExactEstimator:
         """Take the time of the lap that ends as the period, if its start was marked: by `start_lap`, or by an end."""
         self._lap_marks_s.append(time_s)
         times = np.diff(self._lap_marks_s).tolist()
-        if not times:
-            self._restart_learning(time_s)
         if times and times[-1] > 0 and self._order:
             self.period_s = times[-1]
             self.period_std_s = _lap_time_std_s(times)
@@ -253,7 +208,6 @@ class ExactEstimator:
     def start_lap(self, time_s: float) -> None:
         """Start a lap that follows no other."""
         self._lap_marks_s = [time_s]
-        self._restart_learning(time_s)
 
     # --- forecasts
 
@@ -264,7 +218,7 @@ class ExactEstimator:
 
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
-        state, disturbance_s = self._filter.state, self.disturbance[1]
+        state, disturbance_s = self._filter.state, self._settings.disturbance_time_s
         return PowerEstimate(self._time_s or 0.0, self.period_s, state, disturbance_s, computing_w, horizon_s)
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
@@ -279,16 +233,17 @@ class ExactEstimator:
         covariance = np.zeros((size + 2, size + 2))
         spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(state[0]))
         covariance[:size, :size] = np.diag([spread_w**2, *[spread_w**2 / 4] * (size - 1)])
-        covariance[size:, size:] = stationary_covariance(*self.disturbance)
+        s = self._settings
+        covariance[size:, size:] = stationary_covariance(s.disturbance_std_w, s.disturbance_time_s)
         return EnergyFilter(state, covariance, self._dynamics(state))
 
     def _dynamics(self, state: FloatArray) -> EnergyDynamics:
-        """The model with the period, noise and disturbance as estimated so far.
+        """The model with the period as estimated so far.
 
         Harmonics drift by their amplitudes in a state: they turn with the period, which is uncertain.
         """
         s, period_s = self._settings, self.period_s or 1.0
-        noise_w, (std_w, time_s) = self.noise_w, self.disturbance
+        noise_w, std_w = max(s.noise_w, EXACT_SENSOR_W), s.disturbance_std_w
         least = DRIFT_SHARE**2 * (noise_w**2 + std_w**2)
         drift = np.full(self._order + 1, max(s.harmonic_drift_w_per_sqrt_s**2, least))
         drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
@@ -297,65 +252,7 @@ class ExactEstimator:
         turned = 2 * math.pi * np.arange(1, self._order + 1) * self.period_std_s / period_s
         squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
         drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
-        return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
-
-    def _restart_learning(self, time_s: float) -> None:
-        """Drop the readings kept for the noise estimate, and start again at a time [s].
-
-        Flight before the laps has other statistics. Sets when the first estimate is due.
-        """
-        self._readings = array("d"), array("d")
-        self._learn_from_s = time_s
-        self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
-
-    def _learn(self, time_s: float) -> None:
-        """Estimate noise and disturbance from the readings of the last window, and take them into the filter's model.
-
-        By maximum likelihood, harmonics eliminated. Where the noise is larger than assumed so far, the covariance is
-        widened. Sets when the next estimate is due.
-        """
-        for numbers in self._readings:
-            del numbers[:-READINGS_KEPT]
-        unit_s = self.period_s or LEARN_FIRST_S
-        self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
-        # a subset of the window's readings
-        window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
-        first = bisect.bisect_right(self._readings[0], time_s - window_s)
-        times, power = (np.array(numbers[first:]) for numbers in self._readings)
-        keep = subsampled(len(times), LEARN_SAMPLES)
-        times, power = times[keep], power[keep]
-        angle = 2 * math.pi * _lap_turns(self._lap_marks_s, times, self.period_s or 1.0)
-        # y = 1, cos jθ, sin jθ: what the laps explain
-        waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
-        columns = np.column_stack([np.ones(len(times)), *waves])
-        fit = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
-        if not math.isfinite(fit.log_likelihood):
-            return
-        before = self._density_w2_s()
-        self.noise_w = max(fit.noise_w, MIN_NOISE_W)
-        # a disturbance below this counts as white noise: it keeps its time constant
-        white = fit.std_w < MIN_DISTURBANCE_W
-        self.disturbance = (MIN_DISTURBANCE_W, self.disturbance[1]) if white else (fit.std_w, fit.time_s)
-        self._filter.covariance = max(1.0, self._density_w2_s() / before) * self._filter.covariance
-        self._filter.dynamics = self._dynamics(self._filter.state)
-
-    def _density_w2_s(self) -> float:
-        """Spectral density of noise and disturbance at frequency 0: the variance of a long mean times its duration."""
-        std_w, time_s = self.disturbance
-        return self.noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
-
-
-def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:
-    """Number of laps flown at given times, with its fraction, shape (n,), 0 at the first mark.
-
-    Each mark is the start of the next lap; before the first mark and after the last, a lap takes a period.
-    """
-    marks = marks_s or [float(times_s[0])]
-    far = 1e6  # laps before the first mark and after the last: beyond any flight's
-    known_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
-    count = np.arange(len(marks), dtype=float)
-    turns: FloatArray = np.interp(times_s, known_s, np.concatenate([[-far], count, [count[-1] + far]]))
-    return turns
+        return EnergyDynamics(self._order, period_s, drift, std_w, s.disturbance_time_s, noise_w)
 
 
 def _lap_time_std_s(times_s: list[float]) -> float:

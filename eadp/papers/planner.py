@@ -63,8 +63,38 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class PaperSettings:
-    """Settings of planner `paper`."""
+class PathSettings:
+    """How planner `paper` chooses the path parameters."""
+
+    gains: Mapping[str, Finite] = field(default_factory=dict)
+    """Change of the motion's power by a unit of a path parameter, by name [W per unit]."""
+
+    remaining_time: Literal["corrected", "published"] = "corrected"
+    """Formula of the remaining time: corrected, or with the letter's misprint."""
+
+    delta: Mapping[str, Positive] = field(default_factory=dict)
+    """Step of each parameter, by name; by default a tenth of a path parameter's set, and 1 for a computation."""
+
+    path_rule: Literal["delta", "largest", "subroutine"] = "delta"
+    """How a path parameter changes: by its delta; to the largest value for which the time suffices; or from its maximum
+    down by its delta until the time suffices."""
+
+    raise_path: bool = True
+    """Whether a path parameter may also rise while time is left."""
+
+    path_every_s: Positive | None = None
+    """Time between re-plannings of the path [s]; by default `every_s`."""
+
+    longest_s: Positive | None = None
+    """Time of the whole coverage at the highest path parameters [s]; by default from the plan's geometry."""
+
+    shortest_s: Positive | None = None
+    """Time of the whole coverage at the lowest path parameters [s]; by default from the plan's geometry."""
+
+
+@dataclass(frozen=True)
+class PaperSettings(PathSettings):
+    """Settings of planner `paper`: when it plans, the computations over its horizon, and the path."""
 
     horizon_s: Annotated[float, Gt(0), Le(1e5)] | Literal["period"] = 6.0
     """Length of the horizon [s], or `period`: one period of the power."""
@@ -79,46 +109,21 @@ class PaperSettings:
     terminal_weight: Annotated[float, Ge(0), Le(1e6)] = 0.0
     """Weight of the terminal cost ½ qᵀ diag(C) q at the end of the horizon."""
 
-    gains: Mapping[str, Finite] = field(default_factory=dict)
-    """Change of the motion's power by a unit of a path parameter, by name [W per unit]."""
-
     constraint_at: Literal["end", "worst"] = "worst"
     """Where in each step the power is bounded: at its end, or where the motion's power is greatest."""
-
-    remaining_time: Literal["corrected", "published"] = "corrected"
-    """Formula of the remaining time: corrected, or with the letter's misprint."""
-
-    delta: Mapping[str, Positive] = field(default_factory=dict)
-    """Step of each parameter, by name; by default a tenth of a path parameter's set, and 1 for a computation."""
 
     solver: Literal["qp", "subroutine"] = "qp"
     """What finds the parameters: a quadratic program of the computations, and the path rule; or the drafts' subroutine,
     computations and path from their maximum down by `delta` until the constraints hold."""
 
-    path_rule: Literal["delta", "largest", "subroutine"] = "delta"
-    """How a path parameter changes: by its delta; to the largest value for which the time suffices; or from its maximum
-    down by its delta until the time suffices."""
-
-    raise_path: bool = True
-    """Whether a path parameter may also rise while time is left."""
-
-    path_every_s: Positive | None = None
-    """Time between re-plannings of the path [s]; by default `every_s`."""
+    trade_offs: tuple[TradeOff, ...] = ()
+    """Rows R c − r ≥ 0 that the parameters keep to."""
 
     start_after_s: NotNegative = 0.0
     """Time before which nothing is re-planned [s]."""
 
     min_periods: Annotated[int, Ge(0), Le(1000)] = 2
     """Number of periods to fly before anything is re-planned."""
-
-    longest_s: Positive | None = None
-    """Time of the whole coverage at the highest path parameters [s]; by default from the plan's geometry."""
-
-    shortest_s: Positive | None = None
-    """Time of the whole coverage at the lowest path parameters [s]; by default from the plan's geometry."""
-
-    trade_offs: tuple[TradeOff, ...] = ()
-    """Rows R c − r ≥ 0 that the parameters keep to."""
 
 
 class PaperPlanner(Planner):
@@ -515,7 +520,7 @@ class _Coverage(NamedTuple):
         return [nu * value + tau for (nu, tau), value in zip(scalings, parameters[:rho], strict=True)]
 
 
-def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
+def _coverage(settings: PathSettings, mission: Mission) -> _Coverage | None:
     """The whole coverage of a mission: its times by the settings, else nominal at cruise speed without wind.
 
     None if no path parameter is free, or the nominal path is undefined or without end.

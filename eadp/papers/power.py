@@ -6,15 +6,15 @@ answers does not depend on when it is asked. Laps are counted at once: they are 
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
-from eadp.core.arrays import Column, FloatArray
+from eadp.core.arrays import FloatArray
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.energy import EnergyModel
@@ -38,22 +38,6 @@ DIGITS = 6
 
 UNKNOWN_PERIOD_S = 6.0
 """Horizon in place of one period if there is none [s]."""
-
-NO_LAP, LAP_STARTS, LAP_ENDS = 0, 1, 2
-"""What has happened to the laps at the start of a stage; where one ends, the next one starts."""
-
-
-class Powers(NamedTuple):
-    """Readings of the power [W], None or NaN where there is none, beside one power of the computations [W].
-
-    `lap` is what has started or ended just before the first of them, at `lap_s` [s].
-    """
-
-    times_s: Column
-    powers_w: Sequence[float | None] | FloatArray
-    computing_w: float
-    lap: int = NO_LAP
-    lap_s: float = 0.0
 
 
 class PowerTracker:
@@ -87,32 +71,33 @@ class PowerTracker:
         self._lap_from_s = math.inf  # when the lap being flown started [s]; infinite before the first
         self._segment = 0  # in which it started
         self._through_gap = False  # whether a gap of the telemetry lies in it
-        # readings, and steps of the level [W]; whether the first has started, and how many of its readings are taken
-        self._waiting: deque[Powers | float] = deque()
-        self._started, self._within = False, 0
+        # what waits, in order: its time [s], and the call that takes it
+        self._waiting: deque[tuple[float, Callable[[], None]]] = deque()
 
     # --- readings in
 
     def take(self, seen: Readings | Seen) -> None:
         """Take what the state of the flight takes: the stage and the lap are counted at once, the rest waits."""
         if isinstance(seen, Readings):
-            self._waiting.append(Powers(seen.times_s, seen.powers_w, self.computing_w))
+            columns = (np.array(column, dtype=float).tolist() for column in (seen.times_s, seen.powers_w))
+            for time_s, power_w in zip(*columns, strict=True):
+                self._waiting.append((time_s, partial(self._observe, time_s, power_w, self.computing_w)))
             return
         o, self.computing_w = seen.observation, seen.computing_w
         self._through_gap |= o.through_gap
-        lap = self._count_lap(o) if o.stages_started != seen.stages_before else NO_LAP
-        # a take-off has a power of its own, which the estimator does not learn
-        times_s, powers_w = ([o.time_s], [o.sample.power_w if o.on_plan else None]) if seen.is_reading else ([], [])
-        self._waiting.append(Powers(times_s, powers_w, self.computing_w, lap, o.time_s))
+        if o.stages_started != seen.stages_before:
+            self._count_lap(o)
+        if seen.is_reading:
+            # a take-off has a power of its own, which the estimator does not learn
+            power_w = o.sample.power_w if o.on_plan else None
+            self._waiting.append((o.time_s, partial(self._observe, o.time_s, power_w, self.computing_w)))
 
     def shift_level(self, by_w: float) -> None:
         """Take a known change of the power of level flight [W], in its order; see `ExactEstimator.shift_level`."""
-        self._waiting.append(by_w)
+        self._waiting.append((-math.inf, partial(self._estimator.shift_level, by_w)))
 
-    def _count_lap(self, o: Observation) -> int:
-        """Count the lap that ends where the stage of an observation starts, if one does.
-
-        Returns what has happened to the laps: `NO_LAP`, `LAP_STARTS` or `LAP_ENDS`.
+    def _count_lap(self, o: Observation) -> None:
+        """Count the lap that ends where the stage of an observation starts, if one does; where one ends, one starts.
 
         A lap counts if it was flown whole within one segment; after a gap, or in a new segment, a lap only starts.
         """
@@ -123,7 +108,7 @@ class PowerTracker:
         if segment.repeats:
             lap_stages = segment.count
         if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
-            return NO_LAP
+            return
         through_gap, self._through_gap = self._through_gap, o.through_gap
         whole = self._segment == before and not through_gap
         if whole:
@@ -131,32 +116,18 @@ class PowerTracker:
             if o.time_s > self._lap_from_s:
                 self.lap_time_s = o.time_s - self._lap_from_s
         self._lap_from_s = o.time_s
-        return LAP_ENDS if whole else LAP_STARTS
+        lap = self._estimator.end_lap if whole else self._estimator.start_lap
+        self._waiting.append((o.time_s, partial(lap, o.time_s)))
 
     def _process(self, until_s: float = math.inf) -> None:
-        """Pass what waits to the estimator, in order, up to a time [s], be it within a batch."""
-        while self._waiting:
-            each = self._waiting[0]
-            if isinstance(each, Powers):
-                if not self._started and each.lap:
-                    (self._estimator.end_lap if each.lap == LAP_ENDS else self._estimator.start_lap)(each.lap_s)
-                self._started = True
-                self._observe(each, until_s)
-                if self._within < len(each.times_s):
-                    return  # the rest of its readings is later
-                self._started, self._within = False, 0
-            else:
-                self._estimator.shift_level(each)
-            self._waiting.popleft()
+        """Pass what waits to the estimator, in order, up to a time [s]."""
+        while self._waiting and self._waiting[0][0] <= until_s:
+            self._waiting.popleft()[1]()
 
-    def _observe(self, powers: Powers, until_s: float) -> None:
-        """Update the estimator with the readings of a batch that it has not taken yet, up to a time [s]."""
-        times_s, computing_w, first = np.asarray(powers.times_s, dtype=float), powers.computing_w, self._within
-        self._within = int(np.searchsorted(times_s, until_s, "right"))
-        motions_w = np.array(powers.powers_w[first : self._within], dtype=float) - computing_w
-        for time_s, value in zip(times_s[first : self._within].tolist(), motions_w.tolist(), strict=True):
-            motion_w = value if value + computing_w <= self._limit_w else None  # not a number is none, too
-            self._forecast_w = self._estimator.observe(time_s, motion_w) + computing_w
+    def _observe(self, time_s: float, power_w: float | None, computing_w: float) -> None:
+        """Update the estimator with a reading, None or NaN for none, beside the power of the computations [W]."""
+        motion_w = power_w - computing_w if power_w is not None and power_w <= self._limit_w else None
+        self._forecast_w = self._estimator.observe(time_s, motion_w) + computing_w
 
     # --- what is known
 
@@ -204,24 +175,14 @@ class PowerTracker:
             *("horizon_s", *(f"forecast_{k}_w" for k in range(LOOK_AHEADS + 1))),
         ]
         last_s = None
-        read = []
         for step, one in zip(steps, estimates, strict=True):
-            if one.time_s != last_s:
-                last_s = one.time_s
-                read.append((step, one))
-        for _, same in itertools.groupby(read, key=lambda each: _horizon(each[1])):
-            group = list(same)
-            states = np.array([one.state for _, one in group])
-            limits = [
-                (one.computing_w, battery.energy_wh(step.soc), battery.power_limit_w(step.soc), one.horizon_s)
-                for step, one in group
-            ]
-            first = group[0][1]
-            forecasts_w = states @ first.horizon_rows().T + np.array([[one.computing_w] for _, one in group])
-            period = "" if first.period_s is None else round(first.period_s, DIGITS)
-            values = np.round(np.hstack([states[:, :size], limits, forecasts_w]), DIGITS)
-            for (_, one), row in zip(group, values.tolist(), strict=True):
-                yield [round(one.time_s, 9), period, *("" if value == math.inf else value for value in row)]
+            if one.time_s == last_s:
+                continue
+            last_s = one.time_s
+            battery_w = battery.energy_wh(step.soc), battery.power_limit_w(step.soc)
+            numbers = [*one.state[:size], one.computing_w, *battery_w, one.horizon_s, *one.horizon_w()]
+            values = ["" if value == math.inf else value for value in np.round(numbers, DIGITS).tolist()]
+            yield [round(last_s, 9), "" if one.period_s is None else round(one.period_s, DIGITS), *values]
 
 
 def _estimator(settings: EstimatorSettings, mission: Mission) -> Estimator:
@@ -254,11 +215,6 @@ def _nominal_lap_s(mission: Mission) -> float | None:
     return length_m / mission.cruise_mps if length_m > 0 and math.isfinite(length_m) else None
 
 
-def _horizon(one: PowerEstimate) -> tuple[float | None, ...]:
-    """What the forecasts of estimates are the same function of their states for."""
-    return one.period_s, one.disturbance_s, one.horizon_s
-
-
 def over_log(
     model: EnergyModel, times_s: FloatArray, power_w: FloatArray, gate_w: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -266,7 +222,7 @@ def over_log(
 
     Returns the forecast of each reading [W], shape (n,), and α0, α1, β1, … after it [W], shape (n, 2r + 1).
     """
-    settings = EstimatorSettings(order=model.order, gate_w=gate_w, every_s=float(np.median(np.diff(times_s))))
+    settings = EstimatorSettings(order=model.order, gate_w=gate_w, noise_w=model.noise_std_w)
     estimator = ExactEstimator(settings, model.period_s, period_std_s=model.period_std_s)
     forecasts, states = [], []
     for time_s, reading_w in zip(times_s.tolist(), power_w.tolist(), strict=True):

@@ -63,8 +63,6 @@ def test_the_next_leg_decides_that_it_goes_on_and_positions_elsewhere_that_it_do
     assert all(continuation.update(executor, on_circle, 1.0) is None for _ in range(60))
     executor.skip(executor.trigger_m)
     on_line = seen_at(0.0, (-115.0 + ox, 80.0 + oy), -NORTH)
-    verdicts = [continuation.update(executor, on_line, 1.0) for _ in range(8)]
-    assert verdicts[:4] == [None] * 4
-    assert verdicts[-1]
-    away = seen_at(0.0, (500.0, 500.0), 0.0)
-    assert [Continuation(executor).update(executor, away, 4.0)] == [False]
+    assert [continuation.update(executor, on_line, 1.0) for _ in range(5)] == [None] * 4 + [True]
+    away, elsewhere = Continuation(executor), seen_at(0.0, (500.0, 500.0), 0.0)
+    assert [away.update(executor, elsewhere, 2.5) for _ in range(2)] == [None, False]

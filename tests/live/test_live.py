@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from eadp.api.inputs import Files, load_flight
 from eadp.io.text.streams import Text
 from eadp.live.flight import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
-from eadp.live.gate import APART_S, APPLY_S, AppliedParameters, OutlierGate
+from eadp.live.gate import APPLY_S, AppliedParameters, OutlierGate
 from eadp.planning.base import Sample
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.registry import make_flight
@@ -53,8 +53,7 @@ def live(inputs):
     scenario = inputs.scenario
     return LiveFlight(
         inputs.mission,
-        lambda mission: make_flight(scenario.planner, mission),
-        lambda mission: HeldForecast(scenario.planner, mission),
+        lambda mission: (make_flight(scenario.planner, mission), HeldForecast(scenario.planner, mission)),
         scenario.planner.every_s,
     )
 
@@ -270,7 +269,7 @@ def test_a_jump_back_and_an_unknown_stage_give_one_notice_and_are_ignored(record
     back = "stage 2 is before stage 3, which is flown; ignored"
     none = "there is no stage 7; ignored"
     advised = reported_stages(live(inputs), inputs, 3, 2, 2, 7, 7, 3, 2)
-    assert advised == [(3, []), (3, [back]), (3, []), (3, [none]), (3, []), (3, []), (3, [back])]
+    assert advised == [(3, []), (3, [back]), (3, []), (3, [none]), (3, []), (3, []), (3, [])]
 
 
 def test_reported_parameters_are_in_force(recorded):
@@ -318,29 +317,8 @@ def test_a_parameter_that_is_on_its_way_is_held_no_longer(recorded):
     assert "not-applied" in warnings_after(100, 0.0)
 
 
-def test_parameters_of_a_stage_that_positions_do_not_show_yet_wait_for_it(recorded):
-    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
-    applied.decide((-500.0, 10.0))
-    assert applied.update_apart(50.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
-    # the aircraft has started the stage that takes c1
-    assert applied.update_apart(60.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
-    assert applied.update_apart(61.0, {0: -500.0, 1: 10.0}, (-500.0, 10.0)) == []
-    # the other way round: it has not started it yet
-    applied.decide((0.0, 10.0))
-    assert applied.update_apart(90.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
-    assert applied.update_apart(91.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
-
-
-def test_parameters_reported_for_longer_or_as_others_are_in_force(recorded):
-    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
-    applied.decide((-500.0, 10.0))
-    assert applied.update_apart(50.0, {0: -300.0}, (0.0, 10.0)) == []
-    assert applied.update_apart(60.0, {0: -500.0}, (0.0, 10.0)) == [0]
-    assert applied.update_apart(60.0 + APART_S, {0: -500.0}, (0.0, 10.0)) == []
-
-
 def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recorded):
-    """What it reports to be in force then takes effect with the stage, as the plan has it."""
+    """What it reports is in force then, and the stage stays the one of the positions."""
     inputs = recorded[0]
 
     class Deciding(Recorder):
@@ -358,14 +336,14 @@ def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recor
         pass
     recorder = watching.planner
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    flight = LiveFlight(inputs.mission, lambda _: watched(flown, Deciding), lambda _: held, 1.0)
+    flight = LiveFlight(inputs.mission, lambda _: (watched(flown, Deciding), held), 1.0)
     ahead = 0
     for o, later in itertools.pairwise(recorder.seen[99::100]):
         reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
         advice, _ = flight.update(Sample(o.time_s, o.position_m, o.sample.power_w, o.soc, parameters=reported))
         ahead += o.parameters[0] != later.parameters[0]
         assert advice.stage == o.stage
-        assert advice.in_force["c1"] == o.parameters[0]
+        assert advice.in_force["c1"] == later.parameters[0]
     assert ahead > 0
 
 
@@ -387,7 +365,7 @@ def test_a_planner_that_fails_gives_a_notice_and_does_not_end_it(recorded):
             raise RuntimeError("out of order")
 
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    flight = LiveFlight(inputs.mission, lambda mission: watched(inputs, Failing), lambda mission: held, 1.0)
+    flight = LiveFlight(inputs.mission, lambda _: (watched(inputs, Failing), held), 1.0)
     advice, notices = flight.update(start(inputs))
     assert "the planner failed, and parameters stay: RuntimeError: out of order" in notices[0].message
     assert advice.parameters == {"c1": 0.0, "c2": 10.0}

@@ -14,6 +14,7 @@ from common import ROOT
 from eadp.cli.main import main
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
+from eadp.live.flight import NOT_PLACED
 from eadp.models.plan.cursor import PlanCursor
 
 TROUBLE = ROOT.parent / "shared/reference/trouble"
@@ -178,11 +179,20 @@ def test_telemetry_that_begins_in_the_middle_of_the_flight(replan, begins_s, rep
     assert decisions[-1]["reason"] == REACHED or "parameters" not in reports
 
 
-def test_telemetry_elsewhere_without_a_stage_is_taken_for_a_start(replan):
-    lines = [{key: value for key, value in line.items() if key != "parameters"} for line in EXAMPLE[300:320]]
-    _, decisions, _ = replan(lines)
-    assert (decisions[0]["lap"], decisions[0]["stage"]) == (0, 1)
-    assert all("stage-unknown" in line["warnings"] for line in decisions)
+def test_telemetry_elsewhere_without_a_stage_is_not_acted_on(replan):
+    """Until a stage is reported: nothing is decided, nor forecast, and the reason says so."""
+    lines = [{key: value for key, value in line.items() if key != "parameters"} for line in EXAMPLE[300:340]]
+    lines[20:] = [line | {"stages_started": 30} for line in lines[20:]]
+    _code, decisions, _ = replan(lines)
+    before = [line for line in decisions if line["time_s"] < lines[20]["time_s"]]
+    assert {line["reason"] for line in before} == {NOT_PLACED}
+    assert all("stage-unknown" in line["warnings"] for line in before)
+    assert all((line["parameters"], line["soc_end_forecast"]) == (before[0]["parameters"], None) for line in before)
+    assert (before[0]["lap"], before[0]["stage"], before[0]["parameters"]) == (0, 1, {"c1": 0.0, "c2": 10.0})
+    after = decisions[len(before) :]
+    assert all("stage-unknown" not in line["warnings"] for line in after)
+    assert after[-1]["soc_end_forecast"] is not None
+    assert NOT_PLACED not in after[-1]["reason"]
 
 
 def test_a_failed_solver_shows_in_decisions_and_in_the_exit_code(capsys):

@@ -118,9 +118,6 @@ def test_ulog(tmp_path: Path) -> None:
     log = read_power_log(stored(tmp_path, "flight.ulg", ulog()))
     assert_read(log)
     assert (log.warnings, log.counts) == ([], {"rows": N})
-    assert log.position_m is not None
-    # PX4's x is north, its y east
-    np.testing.assert_allclose(log.position_m[3], [-3, 30])
 
 
 def test_ulog_with_a_signalling_nan(tmp_path: Path) -> None:
@@ -227,9 +224,6 @@ def dataflash(instances: int = 1) -> bytes:
 def test_dataflash(tmp_path: Path) -> None:
     log = read_power_log(stored(tmp_path, "flight.bin", dataflash()))
     assert_read(log)
-    assert log.position_m is not None
-    # 1e-4 degrees of latitude a reading, of 111.3 km each
-    np.testing.assert_allclose(log.position_m[10], [0, 10 * 11.134], atol=0.1)
     both = read_power_log(stored(tmp_path, "both.bin", dataflash(instances=2)), Columns(instance=1))
     assert_read(both, factor=4.0)
 
@@ -297,24 +291,10 @@ def test_dataflash_of_whole_numbers_is_in_hundredths(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.power_w, [2 * (15 + i / 8) for i in range(N)], rtol=1e-3)
 
 
-def test_a_telemetry_log(tmp_path: Path) -> None:
-    dialect = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
-    mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    frames = b""
-    for i in range(N):
-        amps = 200 if i else -1
-        for message in (
-            dialect.MAVLink_attitude_message(5000 + 300 * i, 0.1, 0, 0, 0, 0, 0),
-            dialect.MAVLink_vfr_hud_message(15.0, 15.0, 0, 50, 60.0, 0.5),
-            dialect.MAVLink_sys_status_message(0, 0, 0, 0, 15_000 + 125 * i, amps, 50, 0, 0, 0, 0, 0, 0),
-        ):
-            frames += (1_700_000_000_000_000 + 300_000 * i).to_bytes(8, "big") + message.pack(mav)
-    log = read_power_log(stored(tmp_path, "flight.tlog", frames), Columns(motion=True))
-    np.testing.assert_allclose(log.power_w, [2 * (15 + i / 8) for i in range(1, N)])
-    np.testing.assert_allclose(log.times_s, [0.3 * i for i in range(N - 1)])
-    assert log.also["airspeed_mps"][5] == 15
-    assert log.also["climb_mps"][5] == 0.5
-    assert log.also["bank_rad"][5] == pytest.approx(0.1)
+def test_a_telemetry_log_is_no_log_of_power(tmp_path: Path) -> None:
+    frame = (1_700_000_000_000_000).to_bytes(8, "big") + bytes((0xFE, 9, 0, 1, 1, 0, *range(11)))
+    with pytest.raises(InputError, match="as of a telemetry log"):
+        read_power_log(stored(tmp_path, "flight.tlog", 50 * frame))
 
 
 def test_dataflash_text_is_told_from_a_table() -> None:

@@ -169,27 +169,11 @@ def flight(tmp_path: Path, header: str, row: str, noise_w: float = 0.2, n: int =
     for i in range(n):
         t = i / 2
         w = 30 + 3 * np.cos(2 * np.pi * t / 46) + noise_w * rng.normal()
-        turn = 2 * np.pi * t / 46
-        names = {"t": t, "w": w, "i": i, "x": 70 * np.cos(turn) + t, "y": 90 * np.sin(turn), "fps": 2 + 2 * (i // 100)}
+        names = {"t": t, "w": w, "i": i, "fps": 2 + 2 * (i // 100)}
         rows.append(row.format(**names))
     log = tmp_path / "flight.csv"
     log.write_text("\n".join([header, *rows, ""]))
     return str(log)
-
-
-@pytest.mark.slow
-def test_positions_in_the_log_say_where_to_look(run: Run, tmp_path: Path) -> None:
-    log = flight(tmp_path, "time_s,power_w,x_m,y_m", "{t},{w},{x},{y}", noise_w=0.5)
-    code, out, _ = run("fit", log, "--format", "json")
-    document = json.loads(out)
-    assert (code, document["prior"]) == (0, {"period_s": pytest.approx(46, abs=1), "source": "position"})
-    assert document["period_s"] == pytest.approx(46, abs=0.2)
-    # a flight of one lap and a half has no prior of its own, and no error for it
-    short = flight(tmp_path, "time_s,power_w,x_m,y_m", "{t},{w},{x},{y}", n=140)
-    code, out, _ = run("fit", short, "--format", "json")
-    assert (code, json.loads(out)["prior"]) == (1, None)
-    _, out, _ = run("fit", short)
-    assert out.startswith("no period: the best is 46.21 s, more than half of the log\n")
 
 
 def test_known_power_of_the_computations_is_taken_off(run: Run, tmp_path: Path) -> None:

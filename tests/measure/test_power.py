@@ -18,7 +18,7 @@ DREW_W = {2: 3.0, 4: 5.0, 6: 9.0}
 
 
 def log_file(folder: Path, laps: float = 5, columns: str = "") -> str:
-    """A log of a wave of 3 W about 30 W; with `columns` of x_m,y_m on a circle that drifts, or fps."""
+    """A log of a wave of 3 W about 30 W; with a column of fps by `columns`."""
     rng = np.random.default_rng(5)
     rows = ["time_s,power_w" + (f",{columns}" if columns else "")]
     for i in range(int(laps * PERIOD_S / STEP_S)):
@@ -26,8 +26,7 @@ def log_file(folder: Path, laps: float = 5, columns: str = "") -> str:
         turn = 2 * math.pi * t / PERIOD_S
         fps = 2 + 2 * (i // 100 % 3)
         power = 30 + 3 * math.cos(turn) + 0.2 * rng.normal() + (DREW_W[fps] if columns == "fps" else 0)
-        beside = {"": "", "fps": f",{fps}", "x_m,y_m": f",{70 * math.cos(turn) + 0.3 * t},{90 * math.sin(turn)}"}
-        rows.append(f"{t},{power}{beside[columns]}")
+        rows.append(f"{t},{power}" + (f",{fps}" if columns else ""))
     path = folder / "log.csv"
     path.write_text("\n".join([*rows, ""]))
     return str(path)
@@ -40,25 +39,7 @@ def faults(error: pytest.ExceptionInfo[InputError]) -> list[str]:
 def test_without_options_nothing_is_left_out_and_nothing_said(tmp_path: Path) -> None:
     fit = read_fit(log_file(tmp_path), Columns(), FitOptions())
     assert fit.fitted.model.period_s == pytest.approx(PERIOD_S, rel=0.005)
-    assert (fit.prior_s, fit.prior_source, fit.counts, fit.warnings) == (None, "", {"rows": 460}, [])
-
-
-def test_a_prior_is_the_options_before_the_positions(tmp_path: Path) -> None:
-    path = log_file(tmp_path, columns="x_m,y_m")
-    by_position = read_fit(path, Columns(), FitOptions())
-    assert by_position.prior_source == "position"
-    assert by_position.prior_s == pytest.approx(PERIOD_S, rel=0.02)
-    by_option = read_fit(path, Columns(), FitOptions(period_prior_s=50.0))
-    assert (by_option.prior_s, by_option.prior_source) == (50.0, "option")
-
-
-def test_positions_forbid_nothing_but_an_option_does(tmp_path: Path) -> None:
-    # a flight of less than a lap and a half: its positions' lap does not fit twice
-    short = log_file(tmp_path, laps=1.4, columns="x_m,y_m")
-    assert not read_fit(short, Columns(), FitOptions()).fitted.model.periodic
-    with pytest.raises(InputError) as error:
-        read_fit(short, Columns(), FitOptions(period_prior_s=PERIOD_S))
-    assert faults(error)[0].startswith(f"{short}:1:1: error: no period near 46 s can be found")
+    assert (fit.prior_s, fit.counts, fit.warnings) == (None, {"rows": 460}, [])
 
 
 def test_a_part_of_the_log_keeps_the_times_of_the_log(tmp_path: Path) -> None:

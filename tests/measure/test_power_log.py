@@ -137,14 +137,6 @@ def test_a_table_has_no_batteries() -> None:
         parse("time_s,power_w\n1,5\n", instance=0)
 
 
-def test_latitude_and_longitude_that_are_swapped() -> None:
-    rows = "".join(f"{i},{5 + i % 3},{120 + i / 1e4},10\n" for i in range(N))
-    with pytest.raises(InputError, match=r"log.csv:2:1: error: a latitude of 120 and .* 10: they seem to be swapped"):
-        parse(f"time_s,power_w,lat,lon\n{rows}")
-    with pytest.raises(InputError, match=r"a latitude of 120 and a longitude of 200; expected latitude within"):
-        parse(f"time_s,power_w,lat,lon\n{rows}".replace(",10\n", ",200\n"))
-
-
 @pytest.mark.parametrize(
     ("header", "columns", "fault"),
     [
@@ -297,28 +289,11 @@ def test_what_was_left_out_is_counted() -> None:
     assert parse(rows()).counts == {"rows": N}
 
 
-def test_position_and_other_columns() -> None:
-    log = parse(table("time_s,x_m,power_w,y_m,fps", "{i},1{i},5,2{i},{i}"), also=["fps"])
-    assert log.position_m is not None
-    assert log.position_m[7].tolist() == [17, 27]
+def test_other_columns() -> None:
+    log = parse(table("time_s,x_m,power_w,fps", "{i},1{i},5,{i}"), also=["fps"])
     assert log.also["fps"].tolist() == list(range(N))
-    assert parse(table("time_s,power_w", "{i},5")).position_m is None
-    sparse = parse(table("time_s,x_m,power_w,y_m", "{i},1{i},5,2{i}") + "30,,5,\n")
-    assert sparse.position_m is not None
-    assert np.isnan(sparse.position_m[-1]).all()
     with pytest.raises(InputError, match="no column fps; expected one beside time_s, power_w"):
         parse(table("time_s,power_w", "{i},5"), also=["fps"])
-
-
-@pytest.mark.parametrize("names", ["lat,lon", "latitude,longitude"])
-def test_latitude_and_longitude_are_metres_from_the_first(names: str) -> None:
-    log = parse(table(f"time_s,power_w,{names}", "{i},5,55.3{i:02d},10.4"))
-    assert log.position_m is not None
-    # a degree of latitude is 111.3 km there
-    np.testing.assert_allclose(log.position_m[-1], [0, 0.024 * 111_340], atol=5)
-    tiny = parse(table(f"time_s,power_w,{names}", "{i},5,553{i:02d}0000,104000000"))
-    assert tiny.position_m is not None
-    np.testing.assert_allclose(tiny.position_m, log.position_m, atol=1e-3)
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])

@@ -21,7 +21,7 @@ PERIOD_S = 46.0
 STATE_W = np.array([31.0, 1.5, -0.8, 0.6, 0.4, -0.3, 0.2])
 ROUNDING = 1e-9
 RECOVERED_W = 1e-3
-NOISES = EstimatorSettings(learn_noise=False)
+NOISES = EstimatorSettings()
 QUIET = replace(NOISES, disturbance_std_w=0.0)
 SIZE = 9  # level, three harmonics, disturbance
 
@@ -92,10 +92,9 @@ def test_a_clean_signal_is_recovered_whatever_the_steps(grid):
 
 
 @pytest.mark.parametrize("grid", GRIDS)
-@pytest.mark.parametrize("learn", [True, False])
-def test_a_disturbance_that_is_not_there_takes_little(grid, learn):
+def test_a_disturbance_that_is_not_there_takes_little(grid):
     times = GRIDS[grid]
-    estimator = fed(ExactEstimator(EstimatorSettings(learn_noise=learn), PERIOD_S), times)
+    estimator = fed(ExactEstimator(NOISES, PERIOD_S), times)
     ahead = np.linspace(0.1, 60.0, 37)
     assert estimator.forecast(ahead) == pytest.approx(signal_w(times[-1] + ahead), abs=20 * RECOVERED_W)
 
@@ -317,25 +316,20 @@ def gaussian(times_s, first, settings):
 SURE = 1e-4  # probability of each bound's failing by chance
 
 
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("learn", [True, False])
-def test_forecasts_are_as_sure_as_they_say(learn):
-    """Standardised errors of power, readings and energy over runs of Matérn noise: their squares add to a χ².
-
-    With noise that is learned it is not quite known, which makes errors larger than they say by a little.
-    """
+def test_forecasts_are_as_sure_as_they_say():
+    """Standardised errors of the power soon and later over runs of Matérn noise: their squares add to a χ²."""
     runs, rng, truth = 20, np.random.default_rng(11), (0.4, 4.0, 0.3)
     settings = EstimatorSettings(
-        learn_noise=learn, disturbance_std_w=0.4, disturbance_time_s=4.0, noise_w=0.3, level_drift_w_per_sqrt_s=0.0
+        disturbance_std_w=0.4,
+        disturbance_time_s=4.0,
+        noise_w=0.3,
+        level_drift_w_per_sqrt_s=0.0,
+        harmonic_drift_w_per_sqrt_s=0.0,
     )
-    if learn:
-        settings = replace(settings, disturbance_std_w=0.5, disturbance_time_s=10.0, noise_w=1.0)
     times, duration_s = np.arange(0.0, 300.0, 0.25), 60.0
     errors = {"power soon": [], "power later": []}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "DRIFT_SHARE", 0.0)  # what is simulated does not drift
-        patch.setattr(module, "MIN_DISTURBANCE_W", 1e-3)
-        settings = replace(settings, harmonic_drift_w_per_sqrt_s=0.0)
         for _ in range(runs):
             readings, power = sampled(rng, times, *truth)
             known = times <= times[-1] - duration_s
@@ -350,7 +344,7 @@ def test_forecasts_are_as_sure_as_they_say(learn):
     low, high = chi2.ppf([SURE, 1 - SURE], runs)
     for name, values in errors.items():
         total = float(np.square(values).sum())
-        assert low < total < high * (1.3 if learn else 1.0), f"{name}: variance {total / runs:.2f}"
+        assert low < total < high, f"{name}: variance {total / runs:.2f}"
 
 
 def test_the_periods_spread_widens_a_forecast_by_its_slope_and_no_farther_than_any_phase():
@@ -386,49 +380,6 @@ def test_a_lap_that_follows_no_other_begins_the_count_anew():
     assert estimator.period_s == pytest.approx(46.0)
     estimator.end_lap(240.0)
     assert estimator.period_s == pytest.approx(40.0)
-
-
-# --- noise that is learned
-
-
-def test_noise_is_learned_from_what_is_flown():
-    rng = np.random.default_rng(12)
-    times = np.arange(0.0, 460.0, 0.1)
-    readings, _ = sampled(rng, times, 0.8, 3.0, 0.2)
-    estimator = ExactEstimator(EstimatorSettings(), PERIOD_S)
-    for time_s, reading in zip(times, readings, strict=True):
-        estimator.observe(time_s, reading)
-    assert estimator.noise_w == pytest.approx(0.2, rel=0.25)
-    std_w, time_s = estimator.disturbance
-    assert std_w == pytest.approx(0.8, rel=0.4)
-    assert time_s == pytest.approx(3.0, rel=0.6)
-
-
-def test_noise_stays_where_it_is_not_to_be_learned():
-    estimator = fed(ExactEstimator(NOISES, PERIOD_S), np.arange(0.0, 200.0, 0.1))
-    assert (estimator.noise_w, *estimator.disturbance) == (0.5, 0.5, 5.0)
-
-
-def test_a_calm_flight_keeps_the_least_noise():
-    for period_s in (PERIOD_S, None):
-        estimator = ExactEstimator(EstimatorSettings(), period_s)
-        for time_s in np.arange(0.0, 200.0, 0.1):
-            estimator.observe(time_s, 26.0)
-        assert estimator.noise_w == module.MIN_NOISE_W
-        assert estimator.disturbance[0] == module.MIN_DISTURBANCE_W
-        assert estimator.forecast(np.array([100.0])) == pytest.approx([26.0])
-
-
-def test_learning_that_the_noise_is_larger_makes_it_less_sure():
-    """A first minute at hundreds of watts by a filter that expects half a watt of noise: then it knows better."""
-    rng = np.random.default_rng(13)
-    estimator = ExactEstimator(EstimatorSettings(), None)
-    for k in range(3000):
-        level = 200.0 if k < 300 else 70.0
-        estimator.observe(0.1 * k, level + 30 * rng.standard_normal())
-    mean, variance = forecast_with_variance(estimator, np.array([60.0]))
-    assert abs(mean[0] - 70.0) < 4 * math.sqrt(variance[0])
-    assert mean[0] == pytest.approx(70.0, abs=15)
 
 
 # --- published

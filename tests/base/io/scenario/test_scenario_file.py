@@ -16,7 +16,7 @@ from eadp.simulation.loop import Outcome, fly
 
 
 def test_keys_reach_the_estimator():
-    keys = {"disturbance_std_w": 0.0, "disturbance_time_s": 12.5, "learn_noise": False, "noise_w": 0.2, "gate_w": 0.1}
+    keys = {"disturbance_std_w": 0.0, "disturbance_time_s": 12.5, "noise_w": 0.2, "gate_w": 0.1}
     found = read_scenario(None, {f"estimator.{key}": value for key, value in keys.items()}).planner.estimator
     assert {key: getattr(found, key) for key in keys} == keys
 
@@ -28,7 +28,6 @@ def test_keys_reach_the_estimator():
         ("disturbance_std_w", 1e7),
         ("disturbance_time_s", 0.0),
         ("disturbance_time_s", 1e7),
-        ("learn_noise", 1),
     ],
 )
 def test_values_that_mean_nothing_are_refused(key, value):
