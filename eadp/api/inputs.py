@@ -377,7 +377,7 @@ def clear_home_m(plan: Plan, legs: Sequence[Leg], home_m: Point, vehicle: Airfra
     site, stages = plan.site, [stage for stage in plan.stages if not stage.command(TAKEOFF)] or plan.stages
     if not legs or all(each.height_m is None for each in site.airspace.obstacles):
         return None
-    points_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, CLEARANCE_M)])
+    points_m = np.concatenate([leg_points(leg, CLEARANCE_M)[:, :2] for leg in legs])
     clear_m = site.airspace.top_on_ways_m(points_m, home_m, CLEARANCE_M) + site.clearance_m
     return math.ceil(clear_m) if clear_m > min(_altitudes_m(stages, vehicle)) else None
 

@@ -140,8 +140,7 @@ def command(
 def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     """The nominal path as CSV, with latitude and longitude where the plan has an origin."""
     from eadp.core.geometry.geodesy import to_geodetic_deg
-    from eadp.models.plan.stage import TracePoint
-    from eadp.models.plan.trace import trace
+    from eadp.models.plan.trace import TracePoint, trace
 
     origin = plan.site.origin_deg
     header = ",".join([*TracePoint._fields, *(["lat_deg", "lon_deg"] if origin else [])])

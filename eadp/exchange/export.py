@@ -360,7 +360,7 @@ def _climb_deg(airframe: Airframe) -> float:
 def _fenced(airspace: Airspace, legs: Sequence[Leg]) -> Airspace:
     """Obstacles and boundary as fences, which have no height: without the obstacles that are flown over."""
     low = [each for each in airspace.obstacles if each.height_m is not None]
-    track = [(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, FENCE_STEP_M)] if low else []
+    track = [(x, y) for leg in legs for x, y, _ in leg_points(leg, FENCE_STEP_M).tolist()] if low else []
     over = [each for each in low if Airspace((each,)).entries([0.0] * len(track), track, [-math.inf] * len(track))]
     return airspace._replace(obstacles=tuple(each for each in airspace.obstacles if each not in over))
 

@@ -174,7 +174,7 @@ def _section(leg: Leg) -> Section:
         centre = (circle.centre_m[0] + ox, circle.centre_m[1] + oy)
         arc = Arc(centre, circle.radius_m, circle.turn, start, leg.distance_m / circle.radius_m)
         return Section(stage, arc.point(0.0), arc.point(1.0), gain, arc)
-    points = [(point.x_m, point.y_m) for point in leg_points(leg, math.inf if stage.kind == LINE else CURVE_STEP_M)]
+    points = [(x, y) for x, y, _ in leg_points(leg, math.inf if stage.kind == LINE else CURVE_STEP_M).tolist()]
     return Section(stage, points[0], points[-1], gain, points_m=tuple(points[1:-1]))
 
 

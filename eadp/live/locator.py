@@ -96,16 +96,16 @@ def best_match(ahead: LegAhead, seen: Sample, elapsed_s: float | None = None) ->
     std_s = time_std_s(elapsed_s or 0.0)
     if elapsed_s is not None and ahead.start_s + ahead.duration_s < elapsed_s - MAX_STDS * std_s:
         return None
-    points = list(leg_points(ahead.leg, max(POINT_M, ahead.leg.distance_m / MAX_POINTS)))
+    points = leg_points(ahead.leg, max(POINT_M, ahead.leg.distance_m / MAX_POINTS))
     shares = np.linspace(0.0, 1.0, len(points))
     # squares of how far each point is from time, place and course, in standard deviations
     off_time2 = np.zeros(len(points))
     if elapsed_s is not None:
         off_time2 = ((ahead.start_s + shares * ahead.duration_s - elapsed_s) / std_s) ** 2
-    offsets = np.array([(point.x_m, point.y_m) for point in points]) - seen.position_m
+    offsets = points[:, :2] - seen.position_m
     off_path2 = np.sum(offsets**2, axis=1) / DISTANCE_STD_M**2
     if seen.course_rad is not None:
-        turned = np.array([point.heading_rad for point in points]) - seen.course_rad
+        turned = points[:, 2] - seen.course_rad
         off_path2 += (np.remainder(turned + math.pi, 2 * math.pi) - math.pi) ** 2 / COURSE_STD_RAD**2
     near = (off_time2 <= MAX_STDS**2) & (off_path2 <= MAX_STDS**2)
     total = np.where(near, off_time2 + off_path2, math.inf)

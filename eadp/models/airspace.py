@@ -179,10 +179,10 @@ class Landing(NamedTuple):
         while first > 1 and legs[first - 1].stage.command(LOITER_TO_ALTITUDE):
             first -= 1
         before, own = legs[first - 1].stage, tuple(legs[first:])
-        begins = next(leg_points(own[0], own[0].length_m))
+        x, y, course = leg_points(own[0], own[0].length_m)[0].tolist()
         altitude_m = cruise_altitude_m if before.altitude_m is None else before.altitude_m
         descent_m = altitude_m - (own[-1].stage.altitude_m or 0.0)
-        return cls((begins.x_m, begins.y_m, begins.heading_rad), descent_m, altitude_m, own)
+        return cls((x, y, course), descent_m, altitude_m, own)
 
 
 class WayHome(NamedTuple):
@@ -272,7 +272,7 @@ def entered(legs: Iterable[Leg], airspace: Airspace, low_m: float = 0.0) -> Iter
     """
     level_m = low_m
     for leg in legs:
-        track = [(point.x_m, point.y_m) for point in leg_points(leg, TRACK_M)]
+        track = [(x, y) for x, y, _ in leg_points(leg, TRACK_M).tolist()]
         before_m, level_m = level_m, low_m if leg.stage.altitude_m is None else leg.stage.altitude_m
         start_m = before_m if leg.stage.command(LAND) else level_m
         altitudes_m = np.linspace(start_m, level_m, len(track)).tolist()

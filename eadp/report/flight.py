@@ -420,7 +420,7 @@ def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
     points: list[Point] = []
     for leg in legs:
         step_m = leg.distance_m / (1 if leg.stage.kind == LINE else parts)
-        points += [(p.x_m, p.y_m) for p in leg_points(leg, max(step_m, 1.0))]
+        points += leg_points(leg, max(step_m, 1.0))[:, :2].tolist()
     rounded = [(round(x, 1), round(y, 1)) for x, y in points]
     return [value for point, _ in itertools.groupby(rounded) for value in point]
 

@@ -33,10 +33,10 @@ CALM = (0.0, 0.0)
 def nominal(time_s):
     """Number of the leg, position and course at a time on the nominal flight in no wind."""
     number = next(i for i, end_s in enumerate(ENDS_S) if time_s < end_s)
-    points = list(leg_points(LEGS[number], 0.1))
+    points = leg_points(LEGS[number], 0.1)
     before_s = ENDS_S[number - 1] if number else 0.0
-    point = points[round((time_s - before_s) / (ENDS_S[number] - before_s) * (len(points) - 1))]
-    return number, (point.x_m, point.y_m), point.heading_rad
+    x, y, course = points[round((time_s - before_s) / (ENDS_S[number] - before_s) * (len(points) - 1))].tolist()
+    return number, (x, y), course
 
 
 def tracker():
@@ -177,14 +177,14 @@ def test_a_placed_flight_fires_its_trigger_on_time():
     for number in range(4):
         ends = []
         for share in (0.1, 0.6):
-            points = list(leg_points(LEGS[number], 0.5))
+            points = leg_points(LEGS[number], 0.5)[:, :2].tolist()
             first = round(share * (len(points) - 1))
             executor = PlanExecutor(PLAN, PARAMETERS, START, Rules())
             for _ in range(number):
                 executor.skip(LEGS[number].start_m)
-            here = (points[first].x_m, points[first].y_m)
+            here = tuple(points[first])
             placed = executor.placed(executor.cursor, LEGS[number].start_m, number + 1, here, share)
-            ends.append(next(i for i in range(first, len(points)) if placed.advance(points[i].x_m, points[i].y_m)))
+            ends.append(next(i for i in range(first, len(points)) if placed.advance(*points[i])))
         assert ends[0] == ends[1]
 
 

@@ -189,18 +189,6 @@ def test_a_rectangles_laps_move_by_the_letters_shift():
             assert (moved[0] - trigger[0], moved[1] - trigger[1]) == pytest.approx((dx, dy), abs=rounding)
 
 
-def test_one_block_has_a_shift():
-    field = Field(((0.0, 0.0), (230.0, 0.0), (230.0, 400.0), (0.0, 400.0)))
-    solution = solution_of(field)
-    assert len(solution.blocks) == 1
-    plan = read_plan(Text("p", plan_text(build_plan(solution))))[0]
-    assert plan.shift is not None
-    block = solution.blocks[0]
-    for c1 in (0.0, solution.min_c1):
-        d = [part.at([c1]) for part in plan.shift]
-        assert d == pytest.approx([block.spacing_at(c1) * u for u in block.frame.across], abs=rounding)
-
-
 def test_turns_of_a_block_are_to_one_hand():
     plan = build_plan(solution_of(quadrilateral(3)))
     for part in plan.segments:

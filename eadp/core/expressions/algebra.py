@@ -1,8 +1,9 @@
-"""Computer algebra on expression trees: the only module that imports sympy, and late."""
+"""Computer algebra on expression trees: multiplying out, and the only door to sympy, which is imported late."""
 
 from __future__ import annotations
 
-import math
+import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -20,10 +21,9 @@ SIZE_LIMIT = 400
 DEGREE_LIMIT = 1000
 """Highest power that exponents within exponents may make of a part of such a tree."""
 
-TERMS_LIMIT, LOW_DEGREE = 300, 16
-"""Bounds of what is multiplied out without a limit of time: the number of terms, and the powers of their parts."""
+TERMS_LIMIT, DEGREE_KEPT, MAX_WHOLE = 300, 16, 10**1000
+"""Bounds of what is multiplied out: the number of terms, the powers of sums, the whole numbers in fractions."""
 
-_COMPARED = {*NON_SMOOTH_FUNCTIONS, "atan2"}
 _PROBES = (0.0, 0.37, -0.61, 1.73, 13.1, -17.9, 211.3, -397.7, 3007.1, -2503.9, 1e5, -9e4)
 
 
@@ -106,136 +106,112 @@ def to_sympy(node: Node) -> Any:
     return build(node)
 
 
-def simplified(expression: Expression) -> Expression:
-    """The expression multiplied out and collected as by sympy, where that makes it shorter; else unchanged.
+_Expanded = dict[tuple[str, ...], Fraction]
 
-    Only trees whose expansion is small are given to sympy: a power of a sum has as many terms as its exponent allows.
-    Where it is a number and a multiple of one symbol or of one root, as the shift of most plans, sympy is not imported.
+
+def expanded(node: Node) -> _Expanded:
+    """A tree multiplied out, exactly: the multiple of each of its monomials, none of them 0.
+
+    A monomial is the sorted texts of its factors: symbols, functions, and powers and reciprocals that stay as they are.
+
+    Raises
+    ------
+    ArithmeticError
+        If a number is divided by 0, or the result is beyond the bounds above.
     """
-    if not _expands_shortly(expression):
-        return expression
+    if isinstance(node, tree.Number):
+        return {(): Fraction(repr(node.value))} if node.value else {}
+    parts = []
+    for part in tree.children(node):  # a plain loop: a comprehension would double the depth of the stack
+        parts.append(expanded(part))
+    if isinstance(node, tree.Sum):
+        return _summed([(-1 if minus else 1, part) for (minus, _), part in zip(node.terms, parts, strict=True)])
+    if isinstance(node, tree.Negative):
+        return _summed([(-1, parts[0])])
+    if isinstance(node, tree.Product):
+        factors = [_inverse(part) if divides else part for (divides, _), part in zip(node.factors, parts, strict=True)]
+        return functools.reduce(_times, factors)
+    if isinstance(node, tree.Power):
+        exponent = parts[1].get((), 0)
+        if parts[1].keys() <= {()} and exponent in range(DEGREE_KEPT + 1):
+            return functools.reduce(_times, [parts[0]] * int(exponent), {(): Fraction(1)})
+        return {(f"(({_text(parts[0])})^({_text(parts[1])}))",): Fraction(1)}
+    if isinstance(node, tree.Call):
+        return {(f"{node.function}({', '.join(map(_text, parts))})",): Fraction(1)}
+    return {(node.name,): Fraction(1)}
+
+
+def _summed(parts: Sequence[tuple[int | Fraction, _Expanded]]) -> _Expanded:
+    """The sum of multiples of trees multiplied out."""
+    result: _Expanded = {}
+    for factor, part in parts:
+        for monomial, multiple in part.items():
+            result[monomial] = result.get(monomial, Fraction(0)) + factor * multiple
+    if len(result) > TERMS_LIMIT or any(max(abs(m.numerator), m.denominator) > MAX_WHOLE for m in result.values()):
+        raise ArithmeticError("too large to be multiplied out")
+    return {monomial: multiple for monomial, multiple in result.items() if multiple}
+
+
+def _times(a: _Expanded, b: _Expanded) -> _Expanded:
+    """The product of two trees multiplied out."""
+    return _summed([(n, {tuple(sorted(one + other)): m for other, m in b.items()}) for one, n in a.items()])
+
+
+def _inverse(part: _Expanded) -> _Expanded:
+    """1 over a tree multiplied out."""
+    if part.keys() <= {()}:
+        return {(): 1 / part.get((), Fraction(0))}
+    return {(f"(1/({_text(part)}))",): Fraction(1)}
+
+
+def _text(terms: _Expanded) -> str:
+    """A tree multiplied out as text: a number first, then the monomials in order."""
+    text = ""
+    for monomial, multiple in sorted(terms.items()):
+        above, below = abs(multiple.numerator), multiple.denominator
+        factors = [f"{factor}^{len([*same])}" for factor, same in itertools.groupby(monomial)]
+        number = [] if factors and above == 1 else [str(above)]
+        text += " - " if multiple < 0 else " + "
+        text += "*".join([*number, *(factor.removesuffix("^1") for factor in factors)])
+        text += f"/{below}" if below > 1 else ""
+    return text.removeprefix(" + ") or "0"
+
+
+def simplified(expression: Expression) -> Expression:
+    """The expression multiplied out and collected, where that makes it shorter; else unchanged."""
     try:
-        text = _collected(expression.node)
-        if text is not None:
-            simple = read_expression(text, expression.names)
-        else:
-            simple = from_sympy(load_sympy().expand(to_sympy(expression.node)))
-    except (ExpressionError, ArithmeticError, ValueError, TypeError):  # for example atan2(0, 0)
+        simple = read_expression(_text(expanded(expression.node)), expression.names)
+    except (ExpressionError, ArithmeticError):
         return expression
     return simple if len(simple.text) < len(expression.text) else expression
 
 
-def _collected(node: Node) -> str | None:
-    """What sympy shows of a tree multiplied out, if it is a number and a multiple of one term at most; else None."""
-    multiples = _multiples(node)
-    if multiples is None:
-        return None
-    number = multiples.pop("", Fraction(0))
-    parts = [f"{number}"] if number or not multiples else []
-    for term, multiple in multiples.items():
-        above, below = abs(multiple.numerator), multiple.denominator
-        text = f"{above}*{term}" if above > 1 else term
-        parts += ["-" if multiple < 0 else "+", f"{text}/{below}" if below > 1 else text]
-    if not number and multiples:
-        parts = ["".join(parts).removeprefix("+")]
-    return " ".join(parts) if len(multiples) < 2 else None
-
-
-def _multiples(node: Node) -> dict[str, Fraction] | None:
-    """A tree as the sum of multiples of symbols and roots by their texts, and of a number, whose text is empty.
-
-    None for any other tree. A root is that of a symbol and a whole number: sympy takes factors out of others.
-    """
-    if isinstance(node, tree.Number):
-        return {"": Fraction(repr(node.value))}
-    if isinstance(node, tree.Symbol):
-        return None if node.name == "pi" else {node.name: Fraction(1)}
-    found = []
-    for part in tree.children(node):
-        multiples = _multiples(part)
-        if multiples is None:
-            return None
-        found.append(multiples)
-    if isinstance(node, tree.Call) and node.function == "sqrt":
-        number, names = found[0].pop("", Fraction(0)), list(found[0])
-        if len(names) == 1 and "(" not in names[0] and found[0][names[0]] == 1 and number.denominator == 1:
-            return {f"sqrt({number} + {names[0]})" if number else f"sqrt({names[0]})": Fraction(1)}
-        return None
-    if isinstance(node, tree.Sum):
-        signs = [-1 if minus else 1 for minus, _ in node.terms]
-    elif isinstance(node, tree.Negative):
-        signs = [-1]
-    elif isinstance(node, tree.Product):
-        return _product([(divides, part) for (divides, _), part in zip(node.factors, found, strict=True)])
-    else:
-        return None
-    result: dict[str, Fraction] = {}
-    for sign, multiples in zip(signs, found, strict=True):
-        for term, multiple in multiples.items():
-            result[term] = result.get(term, Fraction(0)) + sign * multiple
-    return {term: multiple for term, multiple in result.items() if multiple}
-
-
-def _product(factors: Sequence[tuple[bool, dict[str, Fraction]]]) -> dict[str, Fraction] | None:
-    """The product of such sums, of which one at most is no number; None for others, and for a division by 0."""
-    result = {"": Fraction(1)}
-    for divides, part in factors:
-        number = part.get("", Fraction(0))
-        if part.keys() <= {""}:
-            if divides and not number:
-                return None
-            result = {term: multiple / number if divides else multiple * number for term, multiple in result.items()}
-        elif divides or not result.keys() <= {""}:
-            return None
-        else:
-            result = {term: multiple * result[""] for term, multiple in part.items()}
-    return {term: multiple for term, multiple in result.items() if multiple}
-
-
 def cancels(expression: Expression) -> bool:
-    """Whether sympy shows at once that an expression is 0 for every value of its symbols; False: undecided, or not 0.
-
-    Only trees whose expansion is small are given to sympy, as in `simplified`.
-    """
-    return _expands_shortly(expression) and bool(load_sympy().expand(to_sympy(expression.node)) == 0)
-
-
-def _expands_shortly(expression: Expression) -> bool:
-    """Whether multiplying out costs little: few nodes, few terms, low powers."""
-    if expression.size > SIZE_LIMIT / 2:
+    """Whether an expression multiplied out is 0 for every value of its symbols; False: undecided, or not 0."""
+    try:
+        return not expanded(expression.node)
+    except ArithmeticError:
         return False
-    terms, degree = _expansion(expression.node)
-    return terms <= TERMS_LIMIT and degree <= LOW_DEGREE
 
 
-def _expansion(node: Node) -> tuple[float, float]:
-    """Bounds of the number of terms of a tree multiplied out, and of the powers in them.
-
-    A function counts as its argument, as powers of a root bring it out; functions whose arguments sympy compares with
-    one another at length count 16 times.
-    """
+def _degree(node: Node) -> float:
+    """A bound of the powers in a tree multiplied out; a function counts as its argument, as sympy brings roots out."""
     parts = []
-    for part in tree.children(node):  # a plain loop: a comprehension would double the depth of the stack
-        parts.append(_expansion(part))
-    terms, degrees = [part[0] for part in parts], [part[1] for part in parts]
-    if not parts:
-        return 1.0, 1.0
+    for part in tree.children(node):
+        parts.append(_degree(part))
     if isinstance(node, tree.Product):
-        return math.prod(terms), sum(degrees)
+        return sum(parts)
     if isinstance(node, tree.Power):
-        power = _power(node)
-        return math.exp(min(power * math.log(terms[0]), 700.0)), degrees[0] * power
-    times = 16 if isinstance(node, tree.Call) and node.function in _COMPARED else 1
-    return times * sum(terms), max(degrees)
+        return parts[0] * _power(node)
+    return max(parts, default=1.0)
 
 
 def _power(node: tree.Power) -> float:
-    """What a power does to the number of terms and to the degree of its base; too much for any but a whole constant."""
+    """What a power does to the degree of its base: 1 where the exponent is no number."""
     try:
-        exponent = tree.evaluation(node.exponent)({})
+        return max(1.0, abs(tree.evaluation(node.exponent)({})))
     except (KeyError, ArithmeticError, ValueError):
-        return LOW_DEGREE + 1.0
-    return max(1.0, abs(exponent), 0.0 if exponent == int(exponent) else LOW_DEGREE + 1.0)
+        return 1.0
 
 
 def from_sympy(result: Any) -> Expression:
@@ -314,7 +290,7 @@ class SymbolicStage:
 
 def _limited(expression: Expression) -> Any:
     """`to_sympy` of an expression within the limits above."""
-    if expression.size > SIZE_LIMIT or _expansion(expression.node)[1] > DEGREE_LIMIT:
+    if expression.size > SIZE_LIMIT or _degree(expression.node) > DEGREE_LIMIT:
         what = f"at most {SIZE_LIMIT} parts, and powers of {DEGREE_LIMIT}"
         raise EadpError(f"{printable(expression.text, 60)} is too large for sympy: {what}")
     return to_sympy(expression.node)

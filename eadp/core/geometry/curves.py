@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -13,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.expressions.algebra import is_zero
+from eadp.core.expressions.algebra import expanded
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.expressions.tree import Expression, Negative, Node, Number, Power, Product, Sum, Symbol
+from eadp.core.expressions.tree import Expression
 from eadp.errors import PathUndefined
 
 LINE, CIRCLE, CURVE = "line", "circle", "curve"
@@ -31,144 +32,31 @@ def wrap_angle_rad(angle_rad: float) -> float:
 
 # --- kind of a path, from its expression ------------------------------------------------------------------------------
 
-_Coefficient = Fraction | Node
-_Polynomial = dict[tuple[int, int], _Coefficient]
-"""Coefficients of x^i y^j up to degree 2: exact numbers, or trees in the parameters."""
-
-_ONE: _Polynomial = {(0, 0): Fraction(1)}
+_POINT = re.compile(r"\b[xy]\b")
 
 
 @lru_cache(maxsize=512)
 def path_kind(expression: Expression) -> str:
     """`line`, `circle` or `curve`: what the zero set of a path function is by its form.
 
-    Decided symbolically: the expression is multiplied out as a polynomial in x and y of degree 2 or less, with exact
-    rational and symbolic coefficients. What is no such polynomial is a curve.
+    Decided exactly: the expression is multiplied out, and is a line or a circle as a polynomial in x and y of degree 1
+    or 2. What is no such polynomial is a curve.
     """
     try:
-        polynomial = _polynomial(expression.node)
+        terms = expanded(expression.node)
     except ArithmeticError:
         return CURVE
-    # a x² + b xy + c y² + d x + e y + f: b ≠ 0 a curve; a = c = 0 a line; a = c a circle
-    xx, xy, yy = (polynomial.get(key, Fraction(0)) for key in ((2, 0), (1, 1), (0, 2)))
-    if not _vanishes(xy):
+    of: dict[tuple[int, int], dict[tuple[str, ...], Fraction]] = {}
+    for monomial, multiple in terms.items():
+        power = monomial.count("x"), monomial.count("y")
+        rest = tuple(factor for factor in monomial if factor not in ("x", "y"))
+        if sum(power) > 2 or any(map(_POINT.search, rest)):
+            return CURVE
+        of.setdefault(power, {})[rest] = multiple
+    # a x² + b xy + c y² + d x + e y + f: b = 0 and a = c ≠ 0 a circle; a = b = c = 0 a line
+    if (1, 1) in of or of.get((2, 0)) != of.get((0, 2)):
         return CURVE
-    if _vanishes(xx) and _vanishes(yy):
-        x, y = (polynomial.get(key, Fraction(0)) for key in ((1, 0), (0, 1)))
-        return CURVE if _vanishes(x) and _vanishes(y) else LINE
-    return CIRCLE if _vanishes(_plus(xx, _minus(yy))) else CURVE
-
-
-def is_zero_polynomial(expression: Expression) -> bool:
-    """Whether exact rational arithmetic shows a polynomial in x and y of degree 2 or less to be 0 everywhere."""
-    try:
-        polynomial = _polynomial(expression.node)
-    except ArithmeticError:
-        return False
-    return all(value == 0 for value in polynomial.values())
-
-
-def _polynomial(node: Node) -> _Polynomial:
-    """The polynomial that a tree is.
-
-    Raises
-    ------
-    ArithmeticError
-        If it is none of degree 2 or less, divides by zero, or has a coefficient beyond any float.
-    """
-    if isinstance(node, Number):
-        return {(0, 0): Fraction(repr(node.value))}
-    if isinstance(node, Symbol):
-        powers = {"x": (1, 0), "y": (0, 1)}.get(node.name)
-        return {(0, 0): node} if powers is None else {powers: Fraction(1)}  # a parameter, or a coordinate
-    if isinstance(node, Sum):
-        total: _Polynomial = {}
-        for minus, term in node.terms:
-            for key, value in _polynomial(term).items():
-                signed = _minus(value) if minus else value
-                total[key] = _plus(total[key], signed) if key in total else signed
-        return total
-    if isinstance(node, Negative):
-        return {key: _minus(value) for key, value in _polynomial(node.operand).items()}
-    if isinstance(node, Product):
-        product = _ONE
-        for divides, factor in node.factors:
-            part = _polynomial(factor)
-            product = _times(product, _inverse(part) if divides else part)
-        return product
-    if _free(node):
-        return {(0, 0): node}
-    if isinstance(node, Power) and isinstance(node.exponent, Number) and node.exponent.value in (0, 1, 2):
-        base, power = _polynomial(node.base), _ONE
-        for _ in range(int(node.exponent.value)):
-            power = _times(power, base)
-        return power
-    raise ArithmeticError("no polynomial of degree 2 or less")
-
-
-def _times(a: _Polynomial, b: _Polynomial) -> _Polynomial:
-    """The product. Raises ArithmeticError if its degree is above 2."""
-    result: _Polynomial = {}
-    for (i, j), u in a.items():
-        for (k, m), v in b.items():
-            value = _multiply(u, v)
-            key = (i + k, j + m)
-            if value == 0:
-                continue
-            if sum(key) > 2:
-                raise ArithmeticError("a polynomial of a higher degree than 2")
-            result[key] = _plus(result[key], value) if key in result else value
-    return result or {(0, 0): Fraction(0)}
-
-
-def _inverse(a: _Polynomial) -> _Polynomial:
-    """1/a of a constant, a number or a tree. Raises ArithmeticError of any other, or 0."""
-    if set(a) != {(0, 0)}:
-        raise ArithmeticError("a division by x or y")
-    constant = a[0, 0]
-    inverse = 1 / constant if isinstance(constant, Fraction) else Product(((False, Number(1.0)), (True, constant)))
-    return {(0, 0): inverse}
-
-
-def _free(node: Node) -> bool:
-    """Whether a tree holds neither x nor y."""
-    return not Expression(node).names & {"x", "y"}
-
-
-def _plus(a: _Coefficient, b: _Coefficient) -> _Coefficient:
-    if isinstance(a, Fraction) and isinstance(b, Fraction):
-        return a + b
-    if a == 0 or b == 0:
-        return b if a == 0 else a
-    # flat, so that a long sum does not become a deep tree
-    first = a.terms if isinstance(a, Sum) else ((False, _node(a)),)
-    return Sum((*first, (False, _node(b))))
-
-
-def _minus(a: _Coefficient) -> _Coefficient:
-    return -a if isinstance(a, Fraction) else Negative(a)
-
-
-def _multiply(a: _Coefficient, b: _Coefficient) -> _Coefficient:
-    if isinstance(a, Fraction) and isinstance(b, Fraction):
-        return a * b
-    if a == 0 or b == 0:
-        return Fraction(0)
-    if a == 1 or b == 1:
-        return b if a == 1 else a
-    first = a.factors if isinstance(a, Product) else ((False, _node(a)),)
-    return Product((*first, (False, _node(b))))
-
-
-def _node(a: _Coefficient) -> Node:
-    if not isinstance(a, Fraction):
-        return a
-    number = Number(abs(float(a)))
-    return Negative(number) if a < 0 else number
-
-
-def _vanishes(a: _Coefficient) -> bool:
-    return a == 0 if isinstance(a, Fraction) else is_zero(a)
+    return CIRCLE if (2, 0) in of else LINE if (1, 0) in of or (0, 1) in of else CURVE
 
 
 # --- a path at given parameters ---------------------------------------------------------------------------------------
@@ -390,16 +278,15 @@ class Track:
         back = points_along(self.path, self._end, -self._sense, 1.0)  # 1 m apart
         return next(itertools.islice(back, int(APPROACH_M), None))
 
-    def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:
-        """`count` + 1 points from a start along a distance [m], with directions of travel [rad].
+    def points(self, start: Point, distance_m: float, share: float, count: int) -> FloatArray:
+        """`count` + 1 points from a start along a distance [m]: x, y [m] and direction of travel [rad] of each.
 
         `share` is the distance as a share of that to the end: at 1, the last point is that of the end.
         """
-        points = points_along(self.path, start, self._sense, distance_m / count or 1.0)
-        for point in itertools.islice(points, count):
-            yield point, self._heading_rad(point)
-        last = self.nearest(self._end) if share == 1 else next(points)
-        yield last, self._heading_rad(last)
+        along = points_along(self.path, start, self._sense, distance_m / count or 1.0)
+        points = [*itertools.islice(along, count + (share != 1))]
+        points += [self.nearest(self._end)] if share == 1 else []
+        return np.array([(*point, self._heading_rad(point)) for point in points])
 
     def remaining_m(self, point: Point, guess_m: float) -> float:
         """`ahead_m`, the one nearest to a guess [m] where the path closes; of a curve the guess."""
@@ -408,7 +295,7 @@ class Track:
     def nodes(self, start: Point, distance_m: float, share: float) -> Nodes:
         """Quadrature over a distance [m] from a start; `share` as in `points`."""
         count = max(1, math.ceil(distance_m / max(distance_m / CURVE_NODES, 1e-3) - 1e-9))
-        headings = np.unwrap([heading for _, heading in self.points(start, distance_m, share, count)])
+        headings = np.unwrap(self.points(start, distance_m, share, count)[:, 2])
         middle = (headings[1:] + headings[:-1]) / 2
         step_m = distance_m / count
         curvature = np.diff(headings) / max(step_m, 1e-9)
@@ -442,13 +329,11 @@ class LineTrack(Track):
         (x, y), (dx, dy) = self._line.point_m, self._line.direction
         return x - APPROACH_M * dx, y - APPROACH_M * dy
 
-    def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:
+    def points(self, start: Point, distance_m: float, share: float, count: int) -> FloatArray:
         line = line_of(self.path, start, self._sense)
         (x, y), (dx, dy) = line.point_m, line.direction
-        length_m, heading = line.progress_m(self._end) * share, math.atan2(dy, dx)
-        for i in range(count + 1):
-            along = length_m * i / count
-            yield (x + along * dx, y + along * dy), heading
+        along_m = line.progress_m(self._end) * share * np.arange(count + 1) / count
+        return np.column_stack((x + along_m * dx, y + along_m * dy, np.full(count + 1, math.atan2(dy, dx))))
 
     def nodes(self, start: Point, distance_m: float, share: float) -> Nodes:
         dx, dy = self._line.direction
@@ -475,12 +360,11 @@ class CircleTrack(Track):
     def approach(self) -> Point:
         return self.circle.point_at(self.circle.angle_rad(self._end) - self.circle.turn * math.pi / 2)
 
-    def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:
-        circle = self.circle
-        first, sweep = circle.angle_rad(start), distance_m / circle.radius_m
-        for i in range(count + 1):
-            angle = first + circle.turn * sweep * i / count
-            yield circle.point_at(angle), math.remainder(angle + circle.turn * math.pi / 2, 2 * math.pi)
+    def points(self, start: Point, distance_m: float, share: float, count: int) -> FloatArray:
+        (x, y), radius_m, turn = self.circle.centre_m, self.circle.radius_m, self.circle.turn
+        angles = self.circle.angle_rad(start) + turn * distance_m / radius_m * np.arange(count + 1) / count
+        courses = np.remainder(angles + turn * np.pi / 2 + np.pi, 2 * np.pi) - np.pi
+        return np.column_stack((x + radius_m * np.cos(angles), y + radius_m * np.sin(angles), courses))
 
     def remaining_m(self, point: Point, guess_m: float) -> float:
         ahead_m = self.ahead_m(point)

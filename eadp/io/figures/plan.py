@@ -98,15 +98,14 @@ def _title(plan: Plan, parameters: Sequence[float], length_m: float) -> str:
 def _draw_legs(axes: Axes, plan: Plan, legs: Sequence[Leg], step: float, arrow: float) -> None:
     """Each leg in the colour of its stage, with an arrow of that length at its middle."""
     for leg in legs:
-        points = list(leg_points(leg, step))
+        points = leg_points(leg, step)
         index = leg.stage.index
         colour, label = stage_style(plan.stages, index)
         if len(plan.stages) <= len(COLOURS):
             label = f"$\\Gamma_{{{index}}}$: $\\varphi_{{{index}}}$, {leg.stage.kind}"
-        axes.plot([p.x_m for p in points], [p.y_m for p in points], color=colour, linewidth=1.4, label=label)
-        middle = points[len(points) // 2]
-        dx, dy = arrow * math.cos(middle.heading_rad), arrow * math.sin(middle.heading_rad)
-        draw_arrow(axes, (middle.x_m, middle.y_m), (middle.x_m + dx, middle.y_m + dy), colour)
+        axes.plot(*points.T[:2], color=colour, linewidth=1.4, label=label)
+        x, y, course = points[len(points) // 2].tolist()
+        draw_arrow(axes, (x, y), (x + arrow * math.cos(course), y + arrow * math.sin(course)), colour)
 
 
 def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
@@ -158,7 +157,7 @@ def _draw_bounds(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
 
 def _points(leg: Leg, step_m: float) -> FloatArray:
     """Points along a leg [m], shape (n, 2)."""
-    return np.array([(point.x_m, point.y_m) for point in leg_points(leg, max(step_m, MIN_STEP_M))])
+    return leg_points(leg, max(step_m, MIN_STEP_M))[:, :2]
 
 
 def _name_stages(axes: Axes, plan: Plan, legs: Sequence[Leg]) -> None:
@@ -275,8 +274,7 @@ def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence
     replay = PlanReplay(cursor, world.start.position_m, rows)
     style: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "dashes": (3, 3), "label": "plan before the loss"}
     for leg in replay.before(lost[-1].time_s):
-        points = [(point.x_m, point.y_m) for point in leg_points(leg, max(leg.distance_m / 40, 1.0))]
-        axes.plot(*zip(*points, strict=True), zorder=1, **style)
+        axes.plot(*leg_points(leg, max(leg.distance_m / 40, 1.0)).T[:2], zorder=1, **style)
     callouts = []
     for record in lost:
         step = min(steps, key=lambda step: abs(step.time_s - record.time_s))

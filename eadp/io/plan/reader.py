@@ -25,7 +25,7 @@ from eadp.io.text.streams import SourceText, Text
 from eadp.models.airspace import Airspace, Field
 from eadp.models.plan.plan import Finding, Plan, ShortForm, Site
 from eadp.models.plan.stage import ROTATIONS, Box, LoopVariable, PointExpression, Segment, Stage, Title
-from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
+from eadp.models.plan.structure import equal, find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
@@ -593,9 +593,9 @@ class _Reader:
         )
 
     def _with_laps(self, plan: Plan) -> Plan:
-        """A plan of segments: how many stages a lap has, and the shift of its laps where there is one."""
+        """A plan of segments: how many stages a lap has."""
         counts = {part.count for part in plan.segments if part.repeats}
-        return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
+        return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None)
 
     def _structured(self, plan: Plan) -> Plan:
         """An explicit plan with the structure found in its stages."""

@@ -19,10 +19,10 @@ from eadp.core.flight import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Nodes, Point, Track
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, PlanEnd, Vector
-from eadp.models.plan.executor import end_on
+from eadp.models.plan.executor import signs
 from eadp.models.plan.ground import FlownGround, lap_scale
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Box, Leg, Stage
+from eadp.models.plan.stage import Box, Leg, Stage, leg_points
 
 NODE_SHARE = 0.4
 """Share of the weight of a leg's first node that lies before it: 0.39 to 0.42 of Gauss's nodes, 0.5 of a curve's."""
@@ -232,6 +232,12 @@ def leg_times_s(
     times_s, turning_s = np.add.reduceat(seconds, starts, axis=1), np.add.reduceat(turning, starts, axis=1)
     return times_s[:, of_leg], turning_s[:, of_leg]
 
+
+END_STEP_M, CLEARANCE_STEP_M = 1.0, 0.05
+"""Distance of the points at which the end of a plan is looked for; an end is where its clearance is reached to so much
+[m]."""
+ROUNDING_M = 1e-9
+"""A line along the bound of the end is not beyond it by rounding [m]."""
 
 SAME_POINT_M = 1e-6
 MARGIN_M = 1.0
@@ -596,6 +602,63 @@ def _cut_at_end(
     if clearance_m > -math.inf and all(before.clearance_m < clearance_m for before in ends):
         ends.append(UncertainEnd(number, flown_m, clearance_m, leg.length_m))
     return None
+
+
+def end_on(
+    leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: float, reach_m: float
+) -> tuple[float, float]:
+    """Where the plan ends on a leg, and by how much the leg passes that end.
+
+    Parameters
+    ----------
+    leg : Leg
+    final, shift : (float, float)
+        Final point and shift [m].
+    radius_m : float
+        Radius across the shift [m].
+    margin_m : float
+        By how much the end has to be passed to be certain [m]; at 0 or below every end is, and the plan ends as much
+        before.
+    reach_m : float
+        Distance along the leg within which an uncertain end counts [m].
+
+    Returns
+    -------
+    flown_m : float
+        Distance flown along the leg [m]; infinite where the plan does not end on it.
+    clearance_m : float
+        Infinite for an end that is certain; else within ±`margin_m` [m]; −inf without an end.
+    """
+    sides = signs(shift)
+    # a point of the leg is at most so far beyond the end: the way there and back is no longer than the leg
+    ways = zip(sides, leg.start_m, leg.end_m, final, strict=True)
+    most_m = min([(leg.length_m + side * (a - to) + side * (b - to)) / 2 for side, a, b, to in ways if side], default=0)
+    if not -abs(margin_m) < most_m < math.inf:
+        return math.inf, -math.inf
+    points = leg_points(leg._replace(flown_m=math.inf), END_STEP_M)
+    at_m = np.arange(len(points)) * (leg.length_m / (len(points) - 1))
+    # how far each point is beyond the end along the shift, and within the radius across it
+    beyond_m = aside_m = np.full(len(points), math.inf)
+    for values, to, side in zip(points.T[:2], final, sides, strict=True):
+        if side:
+            beyond_m = np.minimum(beyond_m, side * (values - to))
+        else:
+            aside_m = np.minimum(aside_m, radius_m - np.abs(values - to))
+
+    def first_m(slack_m: float) -> float:
+        """How far along the leg it is over, where as much before the end counts as beyond it."""
+        over_m = np.minimum(beyond_m + slack_m, aside_m)
+        i = int(np.argmax(over_m > ROUNDING_M))
+        if not over_m[i] > ROUNDING_M:
+            return math.inf
+        return float(np.interp(0.0, over_m[i - 1 : i + 1], at_m[i - 1 : i + 1])) if i else 0.0
+
+    if first_m(-margin_m) < math.inf:
+        return first_m(max(-margin_m, 0.0)), math.inf
+    clearance_m = float(np.max(beyond_m[(aside_m >= 0) & (at_m <= reach_m)], initial=-math.inf))
+    if not -margin_m < clearance_m:
+        return math.inf, -math.inf
+    return first_m(CLEARANCE_STEP_M + max(0.0, -clearance_m)), clearance_m
 
 
 def _place(cursor: PlanCursor) -> tuple[int, int, int]:

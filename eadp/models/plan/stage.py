@@ -11,11 +11,12 @@ Source: letter, Defs. II.2-II.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
+from eadp.core.arrays import FloatArray
 from eadp.core.expressions.algebra import SymbolicStage
 from eadp.core.expressions.derivatives import PathFunction, bind
 from eadp.core.expressions.tree import Expression, substituted
@@ -381,24 +382,17 @@ class Leg(NamedTuple):
         return min(self.length_m, self.flown_m)
 
 
-class TracePoint(NamedTuple):
-    """A point of the nominal path [m] with its direction of travel [rad]."""
+def leg_points(leg: Leg, step_m: float) -> FloatArray:
+    """Points of a leg at most `step_m` [m] apart, to where the plan ends on it; shape (n, 3).
 
-    stage: int
-    kind: str
-    x_m: float
-    y_m: float
-    heading_rad: float
-
-
-def leg_points(leg: Leg, step_m: float) -> Iterator[TracePoint]:
-    """The points of one stage, to where the plan ends on it; see `trace`."""
-    stage, (ox, oy) = leg.stage, leg.offset_m
-    start = (leg.start_m[0] - ox, leg.start_m[1] - oy)
+    Of each x, y [m] and the direction of travel [rad]; the first and the last are exact, and all are on its path.
+    """
+    (ox, oy), (x, y) = leg.offset_m, leg.start_m
     share = leg.distance_m / leg.length_m if leg.length_m else 1.0
     count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
-    for (x, y), heading in leg.track.points(start, leg.distance_m, share, count):
-        yield TracePoint(stage.index, stage.kind, x + ox, y + oy, heading)
+    points = leg.track.points((x - ox, y - oy), leg.distance_m, share, count)
+    points[:, :2] += leg.offset_m
+    return points
 
 
 def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> float:

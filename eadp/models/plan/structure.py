@@ -5,19 +5,17 @@ Source: letter, Def. II.5 and Eq. 2; draft 004, Eq. 1. The rank test of draft 00
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.expressions.algebra import cancels, is_zero, load_sympy, simplified
-from eadp.core.expressions.tree import Expression, Symbol, constant, difference, scaled, substituted, total
-from eadp.core.geometry.curves import is_zero_polynomial
+from eadp.core.expressions.algebra import cancels, is_zero, simplified
+from eadp.core.expressions.tree import Expression, Symbol, constant, difference, substituted, total
 from eadp.errors import ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import LoopVariable, PointExpression, Segment, Stage, State
+from eadp.models.plan.stage import PointExpression
 
 SAMPLES = (0.0, 0.137, 0.574, 0.911)
 """Sampled values of the parameters, as shares of their sets; without sets, the parameters themselves."""
@@ -34,12 +32,7 @@ OFFSETS_M = (
 )
 """Points round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
 
-SYMBOLIC_STAGES, SYMBOLIC_LIMIT_S = 200, 1.0
-"""Most stages of a plan whose structure is shown symbolically, and processor time for it [s], checked at each step."""
-
 TOLERANCE = 1e-9
-SMALL_STEP_M = 0.1
-
 
 _PathTrigger = tuple[Expression, PointExpression]
 
@@ -80,29 +73,23 @@ def find_structure(plan: Plan) -> Structure | None:
 def structure_proven(plan: Plan) -> bool:
     """Whether every stage is shown symbolically to be the one n before it, moved by d(c): e_j = 0 for all x, y and c.
 
-    False where the structure is known by value alone: in plans of segments, with functions that are not smooth, which
-    keep sympy busy for long, and beyond the limits above.
+    False where the structure is known by value alone: in plans of segments, and of what is too large.
 
     Source: letter, Eq. 2.
     """
-    if plan.shift is None or plan.segments or len(plan.stages) > SYMBOLIC_STAGES:
-        return False
-    if any(part.non_smooth for stage in plan.stages for part in (stage.path, *stage.trigger)):
+    if plan.shift is None:
         return False
     dx, dy = plan.shift
     moved = {"x": total(_symbol("x"), dx), "y": total(_symbol("y"), dy)}
-    gaps = []
     try:
-        for (path, (x, y)), (later, (later_x, later_y)) in _lap_pairs(plan):
-            gaps += [difference(substituted(later, moved), path)]
-            gaps += [difference(later_x, total(x, dx)), difference(later_y, total(y, dy))]
+        return all(
+            cancels(difference(substituted(later, moved), path))
+            and cancels(difference(later_x, total(x, dx)))
+            and cancels(difference(later_y, total(y, dy)))
+            for (path, (x, y)), (later, (later_x, later_y)) in _lap_pairs(plan)
+        )
     except ExpressionError:  # too large when substituted
         return False
-    open_gaps = [gap for gap in gaps if not is_zero_polynomial(gap)]
-    if open_gaps:  # to be imported is no part of the time
-        load_sympy()
-    end_s = time.process_time() + SYMBOLIC_LIMIT_S
-    return all(time.process_time() < end_s and cancels(gap) for gap in open_gaps)
 
 
 def _symbol(name: str) -> Expression:
@@ -163,63 +150,6 @@ def _samples(plan: Plan) -> list[Sequence[float]]:
         return [[share * (1 + 0.1 * i) for i in range(rho)] for share in SAMPLES]
     boxes = [plan.hull(i) for i in range(rho)]
     return [[box.lo + (share + 0.01 * i) * (box.hi - box.lo) for i, box in enumerate(boxes)] for share in SAMPLES]
-
-
-def find_shift(plan: Plan) -> PointExpression | None:
-    """The shift d(c) of the first lap of a plan of segments; None unless one has laps, whose form does not change.
-
-    Looked for as the step of the one variable that changes, along the direction in which the first trigger moves with
-    it. Seen from a small step: a last lap may be cut short.
-    """
-    laps = [segment for segment in plan.segments if segment.repeats]
-    if len(laps) != 1 or sum(q.shift is not None for q in laps[0].variables) != 1:
-        return None
-    segment = laps[0]
-    stages = plan.stages[segment.first : segment.first + segment.count]
-    moves = []
-    for parameters in _samples(plan):
-        try:
-            state = segment.start(parameters)
-            later = (state[0] + SMALL_STEP_M,)
-            start, end = (stages[0].trigger_at(parameters, s) for s in (state, later))
-            moves.append(((end[0] - start[0]) / SMALL_STEP_M, (end[1] - start[1]) / SMALL_STEP_M))
-            d = (end[0] - start[0], end[1] - start[1])
-            if not all(_moved_by(stage, parameters, state, later, d) for stage in stages):
-                return None
-        except PathUndefined:
-            return None
-    if any(abs(a - b) > 1e-6 for move in moves for a, b in zip(move, moves[0], strict=True)):
-        return None
-    moving = next(q for q in segment.variables if q.shift is not None)
-    step_of = _first_step(segment, moving)
-    if step_of is None:
-        return None
-    x, y = (scaled(step_of, round(value, 9)) for value in moves[0])
-    return x, y
-
-
-def _moved_by(stage: Stage, parameters: Sequence[float], state: State, later: State, d: tuple[float, float]) -> bool:
-    """Whether a stage of the next lap is that of this lap, moved by d."""
-    x, y = stage.trigger_at(parameters, state)
-    u, v = stage.trigger_at(parameters, later)
-    reach = 1 + abs(x) + abs(y)
-    if abs(u - x - d[0]) + abs(v - y - d[1]) > 1e-6 * reach:
-        return False
-    here, there = stage.path_at(parameters, state), stage.path_at(parameters, later)
-    for dx, dy in OFFSETS_M:
-        a, b = here(x + dx, y + dy)[0], there(x + dx + d[0], y + dy + d[1])[0]
-        if abs(a - b) > 1e-6 * (1 + abs(a) + abs(b)):
-            return False
-    return True
-
-
-def _first_step(segment: Segment, moving: LoopVariable) -> Expression | None:
-    """The increment of the one changing loop variable after the first lap, in parameters alone."""
-    assert moving.shift is not None
-    try:
-        return tidy(substituted(moving.shift, segment.first_lap()))
-    except ExpressionError:
-        return None
 
 
 def header_disagrees(plan: Plan) -> bool:

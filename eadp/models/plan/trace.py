@@ -13,7 +13,7 @@ from eadp.models.airspace import BOUNDARY, Airspace, entered
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import Route, RoutePredictor
-from eadp.models.plan.stage import Leg, TracePoint, leg_points
+from eadp.models.plan.stage import Leg, leg_points
 
 MAX_POINTS = 5_000_000
 KEPT_ROUTES = 16
@@ -132,7 +132,17 @@ def _default_start(plan: Plan, parameters: Vector) -> tuple[Point, float]:
     return point, math.atan2(direction[1], direction[0])
 
 
-def trace(plan: Plan, parameters: Sequence[float], step_m: float, start: Point | None = None) -> list[TracePoint]:
+class TracePoint(NamedTuple):
+    """A point of the nominal path [m] with its direction of travel [rad]."""
+
+    stage: int
+    kind: str
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+def trace(plan: Plan, parameters: Sequence[float], step_m: float) -> list[TracePoint]:
     """Points at most `step_m` [m] apart along the nominal path at fixed parameters.
 
     The first and the last point of every stage are there exactly; both are points of the stage's own path, so that a
@@ -143,10 +153,12 @@ def trace(plan: Plan, parameters: Sequence[float], step_m: float, start: Point |
     PathUndefined
         If a path or trigger has no value, a trigger is not met, or there are more than 5,000,000 points.
     """
-    legs = nominal_legs(plan, parameters, start)
+    legs = nominal_legs(plan, parameters)
     if sum(leg.distance_m / step_m + 2 for leg in legs) > MAX_POINTS:
         raise PathUndefined(f"a trace of more than {MAX_POINTS} points")
-    return [point for leg in legs for point in leg_points(leg, step_m)]
+    return [
+        TracePoint(leg.stage.index, leg.stage.kind, *row) for leg in legs for row in leg_points(leg, step_m).tolist()
+    ]
 
 
 Row = tuple[float, int, float, float, Vector]

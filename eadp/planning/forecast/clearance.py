@@ -17,7 +17,7 @@ from eadp.core.flight import ground_speeds_mps
 from eadp.core.geometry.curves import LINE, Point
 from eadp.models.airspace import BOUNDARY, HOME_RADII, Airspace, WayHome
 from eadp.models.plan.route import Route
-from eadp.models.plan.stage import Leg, TracePoint, leg_points
+from eadp.models.plan.stage import Leg, leg_points
 from eadp.models.vehicle import Airframe, FixedWing, Guidance
 from eadp.planning.state.climb import Climb, ClimbFollower
 from eadp.planning.state.known import Known
@@ -62,15 +62,15 @@ def entering(
     if not any(airspace):
         return {}
     # the path's points near an obstacle or the boundary
-    points = [(leg, point) for leg in legs for point in [*leg_points(leg, STEP_M)][1:]]
-    at_m = np.array([(point.x_m, point.y_m) for _, point in points])
-    courses = np.unwrap([point.heading_rad for _, point in points])
+    points = [leg_points(leg, STEP_M)[1:] for leg in legs]
+    of_points = [leg for leg, own in zip(legs, points, strict=True) for _ in own]
+    at_m, courses = np.concatenate(points)[:, :2], np.unwrap(np.concatenate(points)[:, 2])
     steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
-    altitudes_m = np.full(len(points), airframe.cruise_altitude_m)
+    altitudes_m = np.full(len(of_points), airframe.cruise_altitude_m)
     if climb is not None:
         ground_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), airframe.airspeed_mps, wind_mps)
         for i, step_s in enumerate((steps_m / np.maximum(ground_mps, 1.0)).tolist()):
-            stage = points[i][0].stage
+            stage = of_points[i].stage
             climb.follow(stage, stage.airspeed_mps or airframe.airspeed_mps, step_s)
             altitudes_m[i] = climb.climb.altitude_m
     airspace = airspace.in_the_way(float(altitudes_m.min()))
@@ -88,7 +88,7 @@ def entering(
     through = _flown_through(steps_m, near)
     # which flights have entered each obstacle, and left the boundary
     entered = np.zeros((len(outlines) + bool(airspace.boundary), FLIGHTS), dtype=bool)
-    for i, off_m in _flights(points, courses, steps_m, through, airframe, guidance, wind_mps, gusts):
+    for i, off_m in _flights(of_points, at_m, courses, steps_m, through, airframe, guidance, wind_mps, gusts):
         if near[i]:
             there_m = at_m[i] + off_m[:, None] * (-math.sin(courses[i]), math.cos(courses[i]))
             entered[: len(outlines)] |= holding(outlines, there_m) & (tops_m > altitudes_m[i])[:, None]
@@ -99,7 +99,8 @@ def entering(
 
 
 def _flights(
-    points: Sequence[tuple[Leg, TracePoint]],
+    legs: Sequence[Leg],
+    at_m: FloatArray,
     courses: FloatArray,
     steps_m: FloatArray,
     through: BoolArray,
@@ -110,8 +111,9 @@ def _flights(
 ) -> Iterator[tuple[int, FloatArray]]:
     """Fly along a path `FLIGHTS` times at once; yield each point flown `through`, by number, and the errors.
 
-    The errors, shape (FLIGHTS,), are how far each flight is to the left of the point [m]. `courses` are the path's
-    [rad], `steps_m` the distances from the points before [m], both of shape (n,); the rest is as in `entering`.
+    The errors, shape (FLIGHTS,), are how far each flight is to the left of the point [m]. `legs`
+    are those of the points at `at_m` [m], `courses` the path's [rad], `steps_m` the distances from the points before
+    [m], of n each; the rest is as in `entering`.
     """
     # ground speed, and the greatest turn rate of the course [rad/s]
     speed = airframe.airspeed_mps
@@ -119,14 +121,14 @@ def _flights(
     ground_mps = np.maximum(ground_mps, 1.0)
     # χ̇ = θ̇ a·ṗ/‖ṗ‖², with θ̇ at most V/R
     limited = isinstance(airframe, FixedWing)
-    greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps) if limited else np.full(len(points), np.inf)
+    greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps) if limited else np.full(len(legs), np.inf)
     rng, (gust_mps, gust_s) = np.random.default_rng(0), gusts
     # of each flight: gust [m/s], and how far it is beside the path [m] and off its course [rad], left positive
     gust = rng.standard_normal((2, FLIGHTS)) * gust_mps
     off_m, off_rad = np.zeros(FLIGHTS), np.zeros(FLIGHTS)
     before = None  # the leg of the point before
     for i in np.flatnonzero(through).tolist():
-        leg, course = points[i][0], courses[i]
+        leg, course = legs[i], courses[i]
         # by how much the path has turned since the point before: in a curve along a leg, or in a corner between two
         turned = course - courses[i - 1] if i and before is not None else 0.0
         along_leg = leg is before
@@ -142,7 +144,7 @@ def _flights(
         across_mps = gust[1] * math.cos(course) - gust[0] * math.sin(course)
         # χ̇ = χ̇_path − k_d (Δχ + v_⊥/v + arctan(k e)); e ← e + (v sin Δχ + v_⊥) Δt
         curving = turned / step_s if along_leg and step_s > 0 else 0.0
-        gain = guidance.gain_per_m if guidance.normalised else _gain_per_m(leg, points[i][1].x_m, points[i][1].y_m)
+        gain = guidance.gain_per_m if guidance.normalised else _gain_per_m(leg, *at_m[i].tolist())
         wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * off_m))
         off_rad = off_rad + np.clip(wanted, -greatest[i], greatest[i]) * step_s - turned
         off_m = off_m + (ground_mps[i] * np.sin(off_rad) + across_mps) * step_s

@@ -203,16 +203,16 @@ def _last_point(
     step_m = max(MIN_STEP_M, total_m / points)
     filtered, flown_s, flown_j, flown_m = known.charge.filtered, 0.0, 0.0, 0.0
     for leg, power_w, leg_s in zip(legs, powers_w.tolist(), times_s.tolist(), strict=True):
-        ahead = [*leg_points(leg, step_m)][1:]
+        ahead = leg_points(leg, step_m)[1:, :2].tolist()
         step_s = leg_s / max(len(ahead), 1)
-        for point in ahead:
+        for x, y in ahead:
             volts = battery.voltage_at(min(max(filtered.soc, 0.0), 1.0))
             drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * step_s
             filtered, flown_s, flown_j = after_drain(filtered, drain), flown_s + step_s, flown_j + power_w * step_s
             flown_m += leg.distance_m / len(ahead)
             if filtered.soc <= 0:
                 return last
-            position = point.x_m, point.y_m
+            position = x, y
             there = after_leg(known, leg)._replace(position_m=position, charge=known.charge._replace(filtered=filtered))
             if evaluation.evaluator.gives_up(there, leg.stage, mean_w):
                 return last

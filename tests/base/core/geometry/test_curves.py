@@ -19,7 +19,6 @@ from eadp.core.geometry.curves import (
     Line,
     circle_of,
     curve_length_m,
-    is_zero_polynomial,
     line_of,
     path_kind,
     points_along,
@@ -136,22 +135,6 @@ def test_the_kind_of_a_quadratic_is_that_of_its_coefficients(xx, xy, yy, x, y, o
 
 
 # --- lines ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("text", "zero"),
-    [
-        ("0", True),
-        ("(x + y)^2 - x^2 - 2*x*y - y^2", True),
-        ("0.1*x - x/10", True),
-        ("x - x + 1e-30", False),
-        ("y", False),
-        ("x^3 - x^3", False),  # of degree 3: not looked at
-        ("sin(x) - sin(x)", False),
-    ],
-)
-def test_polynomials_that_are_0_everywhere(text, zero):
-    assert is_zero_polynomial(read_expression(text)) is zero
 
 
 @given(whole, whole, whole, points, senses, st.sampled_from([1.0, -1.0, 0.01, 50.0]))

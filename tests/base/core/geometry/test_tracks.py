@@ -41,12 +41,11 @@ def test_a_circle(sense):
     # the distance left is known but for whole turns
     for turns, guess_m in ((0, 30.0), (0, 150.0), (0, -110.0), (1, 330.0), (2, 660.0), (-1, -300.0)):
         assert circle.remaining_m(before, guess_m) == pytest.approx(50 * (BACK + turns * 2 * math.pi))
-    points = list(circle.points(before, 50 * BACK, 1.0, 3))
-    for k, (point, heading) in enumerate(points):
+    for k, (x, y, heading) in enumerate(circle.points(before, 50 * BACK, 1.0, 3)):
         angle = -sense * BACK * (1 - k / 3)
-        assert point == pytest.approx(on_round(angle), abs=NANOMETRE)
+        assert (x, y) == pytest.approx(on_round(angle), abs=NANOMETRE)
         assert heading == pytest.approx(angle + sense * math.pi / 2)
-    for (x, y), heading in circle.points((60.0, 20.0), 100 * math.pi, 1.0, 8):
+    for x, y, heading in circle.points((60.0, 20.0), 100 * math.pi, 1.0, 8):
         assert (math.cos(heading), math.sin(heading)) == pytest.approx(
             (sense * (20 - y) / 50, sense * (x - 10) / 50), abs=NANOMETRE
         )
@@ -72,10 +71,10 @@ def test_a_line():
     assert line.ahead_m((36.0, 48.0)) == pytest.approx(-10)
     assert line.remaining_m((0.0, 0.0), 7.0) == pytest.approx(50)
     assert line.approach() == pytest.approx((30 - 60, 40 - 80))
-    points = list(line.points((0.0, 0.0), 25.0, 0.5, 2))
-    assert [x for (x, _), _ in points] == pytest.approx([0, 7.5, 15], abs=NANOMETRE)
-    assert [y for (_, y), _ in points] == pytest.approx([0, 10, 20], abs=NANOMETRE)
-    assert [heading for _, heading in points] == pytest.approx([math.atan2(4, 3)] * 3)
+    x, y, headings = line.points((0.0, 0.0), 25.0, 0.5, 2).T
+    assert x == pytest.approx([0, 7.5, 15], abs=NANOMETRE)
+    assert y == pytest.approx([0, 10, 20], abs=NANOMETRE)
+    assert headings == pytest.approx([math.atan2(4, 3)] * 3)
     nodes = line.nodes((0.0, 0.0), 25.0, 0.5)
     assert [part.tolist() for part in nodes] == [[25.0], pytest.approx([0.6]), pytest.approx([0.8]), [0.0]]
 
@@ -97,14 +96,14 @@ def test_a_curve():
     assert y == pytest.approx(x * x / 100, abs=MILLIMETRE)
     assert parabola_m(30) - parabola_m(x) == pytest.approx(100, rel=0.01)
     length_m = parabola_m(30)
-    points = list(curve.points((0.0, 0.0), length_m, 1.0, 4))
-    for k, ((x, y), heading) in enumerate(points):
+    points = curve.points((0.0, 0.0), length_m, 1.0, 4)
+    for k, (x, y, heading) in enumerate(points):
         assert y == pytest.approx(x * x / 100, abs=MILLIMETRE)
         assert parabola_m(x) == pytest.approx(length_m * k / 4, abs=0.05)
         assert heading == pytest.approx(math.atan(x / 50), abs=1e-6)
-    assert points[-1][0] == pytest.approx((30, 9))
-    half = list(curve.points((0.0, 0.0), length_m / 2, 0.5, 2))
-    assert half[-1][0] == pytest.approx(points[2][0], abs=0.01)
+    assert points[-1, :2] == pytest.approx((30, 9))
+    half = curve.points((0.0, 0.0), length_m / 2, 0.5, 2)
+    assert half[-1, :2] == pytest.approx(points[2, :2], abs=0.01)
     nodes = curve.nodes((0.0, 0.0), length_m, 1.0)
     assert len(nodes.weights_m) == 24
     assert nodes.weights_m.sum() == pytest.approx(length_m)

@@ -6,8 +6,6 @@ import pytest
 from common.plans import PARTS, plan_of
 
 from eadp.errors import InputError, PathUndefined
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.trace import nominal_legs
@@ -102,12 +100,6 @@ def test_laps_before_another_part_end_on_a_condition():
     laps = "init:\na = 0, 10\npath:\n0.1; 90; x - a\na, 50\ntrig:\n90, 50\n"
     with pytest.raises(InputError, match="laps that do not end on a condition"):
         plan_of(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
-
-
-def test_a_shift_that_the_laps_do_not_have_is_a_finding():
-    laps = "init:\ns = 0, 10\npath:\n0.1; 90; x - s\ns, 50\n0.1; 270; x - s\ns, 0\ntrig:\ns >= 95\n"
-    _, findings = read_plan(Text("p", "-77, -3\n" + laps + "path:\n0.1; 90; x - 100\n100, 500\n"))
-    assert [item.code for item in findings] == ["header-shift"]
 
 
 def test_more_quantities_than_the_limit_are_refused():

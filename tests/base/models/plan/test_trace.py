@@ -44,7 +44,7 @@ def test_each_lap_alone_at_other_values_lies_where_the_laps_before_it_lead():
         left = -115 + (10 * (k - 1) + shift if k else 0)
         assert lap[0].end_m == pytest.approx((left, 146))
         for point in lap[0].track.points((lap[0].start_m[0] - lap[0].offset_m[0], lap[0].start_m[1]), 50.0, 0.5, 5):
-            x, y = point[0][0] + lap[0].offset_m[0], point[0][1]
+            x, y = point[0] + lap[0].offset_m[0], point[1]
             assert math.hypot(x - left - radius, y - 146) == pytest.approx(radius)
         for leg, (x, y) in zip(lap[1:], [(left, 0), (left + 150, 0), (left + 150, 146)], strict=False):
             assert leg.end_m == pytest.approx((x, y))
