@@ -78,7 +78,7 @@ def command(
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
         from eadp.io.scenario import override_texts
 
-        return _job(job, plan, override_texts(options.overrides, options.planner), seed, output)
+        return _job(job, plan, override_texts(options.set_, options.planner), seed, output)
     if output.figure is not None and output.out is None:
         raise usage_fault("--figure", output.figure, "a figure without a folder for it", "-o DIR")
     if output.figure is not None and plug_in("result_figures", output.figure) is None:
@@ -94,7 +94,7 @@ def command(
         options.scenario,
         options.profile,
         options.energy,
-        options.overrides,
+        options.set_,
         planner=options.planner,
         seed=seed,
         on_step=show,

@@ -148,9 +148,6 @@ class ScenarioFile:
     profile: str | None = None
     """Computation profile: path of a model or of measurements, relative to this file."""
 
-    profile_at: Mapping[str, float] = field(default_factory=dict)
-    """Configuration of the profile beside a plan without computations, a constant load; by default the highest."""
-
     vehicle: Annotated[VehicleFile, Field(json_schema_extra=_or_path)] = field(default_factory=VehicleFile)
     """The aircraft: path of a vehicle file, relative to this file, or its content."""
 

@@ -1,4 +1,4 @@
-"""The data of a flight's page: what was flown, forecast and decided, in words and as thinned series."""
+"""The data of a flight's page: what was flown, forecast and decided, in words and as series."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -34,101 +34,13 @@ from eadp.models.plan.stage import Leg, leg_points, point_at
 from eadp.models.plan.trace import PlanReplay, legs_from, nominal_legs
 from eadp.models.weather import Wind
 from eadp.models.world import World
-from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
+from eadp.planning.base import TURNS_BACK
 
-ERRORS = dict.fromkeys(("x", "y"), 0.3) | dict.fromkeys(("lat", "lon"), 1e-5)
-ERRORS |= {"m": 0.5, "mps": 0.1, "commanded_mps": 0.01}
-ERRORS |= {"heading": 0.05, "soc": 5e-4, "ah": 1e-3}
-"""Errors of thinned positions [m] and [°], altitudes [m], airspeeds [m/s], headings [rad], and charges."""
+MAX_SAMPLES = 5000
+"""Most samples of a series: several for each pixel of a chart."""
 
-POWER_SHARE, MIN_POWER_W = 1 / 400, 0.01
-"""Error of thinned powers, as a share of their range, and at least [W]."""
-
-MAX_SAMPLES = 10_000
-"""Most samples of a series: one that needs more is thinned within larger errors."""
-
-MAX_WIDER = 1e9
-"""Most by which errors are made larger for fewer samples."""
-
-Values = Sequence[float | None]
-
-
-def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float]) -> list[int]:
-    """Indices of samples between which linear interpolation gives all others, each column within its error.
-
-    Parameters
-    ----------
-    times_s : sequence of float, length n
-        Ascending.
-    columns : sequence of sequences of float or None, each of length n
-        Of samples in a row of which some value is missing, the first and the last are kept.
-    errors : sequence of float
-        Above 0, one for each column.
-
-    Returns
-    -------
-    list of int
-        In order; the first and the last sample are kept.
-
-    Source: the swinging door of E. H. Bristol (1990), with every end on a sample.
-    """
-    count, anchor, indices = len(times_s), 0, [0] if times_s else []
-    gap = _gaps(columns)
-    while anchor < count - 1:
-        if gap[anchor]:
-            after = next((i for i in range(anchor + 1, count) if not gap[i]), count)
-            end = max(anchor + 1, after - 1)
-        else:
-            end = _farthest(times_s, columns, errors, anchor, gap)
-        indices.append(end)
-        anchor = end
-    return indices
-
-
-def _gaps(columns: Sequence[Values]) -> list[bool]:
-    """Where the value of a column is missing."""
-    return [None in values for values in zip(*columns, strict=True)]
-
-
-def _farthest(
-    times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float], anchor: int, gap: Sequence[bool]
-) -> int:
-    """The last sample in a row that a straight line from `anchor` reaches within the errors of those between."""
-    start_s = times_s[anchor]
-    known = [cast(Sequence[float], column) for column in columns]
-    lows, highs = [-math.inf] * len(known), [math.inf] * len(known)
-    for i in range(anchor + 1, len(times_s)):
-        after_s = times_s[i] - start_s
-        if gap[i] or after_s <= 0:
-            return max(anchor + 1, i - 1)
-        for k, (column, error) in enumerate(zip(known, errors, strict=True)):
-            rise = column[i] - column[anchor]
-            if not lows[k] <= rise / after_s <= highs[k]:
-                return i - 1
-            lows[k], highs[k] = max(lows[k], (rise - error) / after_s), min(highs[k], (rise + error) / after_s)
-    return len(times_s) - 1
-
-
-def thinned(times_s: Sequence[float], columns: Mapping[str, Values], errors: Mapping[str, float]) -> dict[str, Any]:
-    """Columns on fewer common times.
-
-    Returns
-    -------
-    dict
-        `t`, the columns by name, and `error`, the bound that holds for each; values are rounded within it. The given
-        errors are doubled until `MAX_SAMPLES` are enough.
-    """
-    wider, rows = 1.0, [*columns.values()]
-    while len(indices := kept_samples(times_s, rows, [0.9 * wider * errors[name] for name in columns])) > MAX_SAMPLES:
-        if wider > MAX_WIDER:  # the ends of very many gaps
-            break
-        wider *= 2
-    errors = {name: wider * errors[name] for name in columns}
-    series: dict[str, Any] = {"t": [round(times_s[i], 6) for i in indices]}
-    for name, values in columns.items():
-        digits = max(0, math.ceil(-math.log10(0.2 * errors[name])))
-        series[name] = [None if (value := values[i]) is None else round(value, digits) for i in indices]
-    return {**series, "error": errors}
+DIGITS = {"t": 6, "lat": 7, "lon": 7}
+"""Decimal places of series that have others than 4."""
 
 
 def changes(times_s: Sequence[float], values: Sequence[Any]) -> dict[str, Any]:
@@ -143,17 +55,16 @@ def evenly(count: int, limit: int) -> list[int]:
     return [*range((count - 1) % every, count, every)]
 
 
-def of_errors(times_s: Sequence[float], columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    """Columns over time thinned within `ERRORS`, by their names; those without an error there are powers."""
-    known = [value for values in columns.values() for value in values]
-    power_w = max((max(known) - min(known)) * POWER_SHARE, MIN_POWER_W) if known else MIN_POWER_W
-    return thinned(times_s, columns, {name: ERRORS.get(name, power_w) for name in columns})
+def sampled(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    """Some columns of `flight.csv` and their times `t`, at most `MAX_SAMPLES` rows evenly."""
+    kept = evenly(len(columns["t"]), MAX_SAMPLES)
+    return {name: [round(values[i], DIGITS.get(name, 4)) for i in kept] for name, values in columns.items()}
 
 
 LEVEL_M = 1.0
 """Range of altitudes above which they are drawn [m]."""
 
-MAX_DECISIONS, MAX_HORIZONS, MAX_ROUTES = 3000, 300, 40
+MAX_HORIZONS, MAX_ROUTES = 300, 40
 MAX_POINTS = 60_000
 """Most points of the plan's lines, but for two a leg."""
 
@@ -264,7 +175,7 @@ def _wind_rows(wind: Wind) -> list[list[float]]:
 
 
 def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    """Position, power, charge and altitude, thinned."""
+    """Position, power, charge and altitude, at fewer times."""
     times = columns["time_s"]
     path = {"x": columns["x_m"], "y": columns["y_m"], "heading": np.unwrap(columns["heading_rad"]).tolist()}
     if "lat_deg" in columns:
@@ -279,7 +190,7 @@ def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
         series["altitude"] = {"m": altitude}
     if AIRSPEEDS[0] in columns:
         series["airspeed"] = {"mps": columns[AIRSPEEDS[0]], "commanded_mps": columns[AIRSPEEDS[1]]}
-    return {name: of_errors(times, values) for name, values in series.items()}
+    return {name: sampled({"t": times, **values}) for name, values in series.items()}
 
 
 def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
@@ -322,11 +233,9 @@ def decisions_data(
         (before is not None and row["parameters"] != before) or str(row.get("reason", "")).startswith(TURNS_BACK)
         for row, before in zip(rows, [parameters, *(row["parameters"] for row in rows)], strict=False)
     ]
-    kept = _kept_decisions(rows, changed)
-    chosen = [rows[i] for i in kept]
-    data: dict[str, Any] = {"count": len(rows), "changed": [changed[i] for i in kept]}
+    data: dict[str, Any] = {"changed": changed}
     for name in rows[0] if rows else ():
-        values = [row[name] for row in chosen]
+        values = [row[name] for row in rows]
         if all(value is None for value in values):
             continue
         if name in ("time_s", "stage", "lap"):
@@ -335,7 +244,7 @@ def decisions_data(
             data[name] = _coded([_short(value) for value in values])
         else:
             data[name] = [significant(value) for value in values]
-    data["used_after_wh"] = _energy_after_wh(columns, [row["time_s"] for row in chosen])
+    data["used_after_wh"] = _energy_after_wh(columns, [row["time_s"] for row in rows])
     return data
 
 
@@ -356,24 +265,11 @@ def _coded(values: Sequence[Any]) -> dict[str, Any]:
     return {"of": [firsts[place] for place in range(len(known))], "at": places}
 
 
-def _kept_decisions(rows: Sequence[Row], changed: Sequence[bool]) -> list[int]:
-    """All re-plannings, or where they are many those with something to see, and others evenly among them."""
-    if len(rows) <= MAX_DECISIONS:
-        return [*range(len(rows))]
-    telling = [
-        i
-        for i, row in enumerate(rows)
-        if changed[i] or row.get("cause", TIME) != TIME or row.get("status") in (FALLBACK, INFEASIBLE)
-    ]
-    telling = [telling[i] for i in evenly(len(telling), MAX_DECISIONS * 2 // 3)] if telling else []
-    return sorted({*telling, *evenly(len(rows), MAX_DECISIONS - len(telling))})
-
-
 def _energy_after_wh(columns: Mapping[str, Sequence[Any]], times_s: Sequence[float]) -> list[float | None]:
     """Energy used from some times to the end [Wh], of the logged power."""
     logged_s = np.array(columns["time_s"])
-    power_w = np.array([math.nan if value is None else value for value in columns["power_w"]])
-    if len(logged_s) < 2 or np.isnan(power_w).any():
+    power_w = np.array(columns["power_w"])
+    if len(logged_s) < 2:
         return [None] * len(times_s)
     used_wh = np.concatenate([[0.0], np.cumsum(np.diff(logged_s) * (power_w[1:] + power_w[:-1]) / 7200)])
     return [significant(value) for value in (used_wh[-1] - np.interp(times_s, logged_s, used_wh)).tolist()]

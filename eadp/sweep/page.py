@@ -84,7 +84,6 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
     with closing(Results(path, read_only=True)) as results:
         for row in results.everything():
             census.add(row)
-        others = len(results) - census.count
     names = sorted(census.varied, key=lambda name: (name == "seed", name))
     count = len(census.kept)
     while len(json.dumps(runs := _runs(census.kept[:count], names, keep))) > MAX_BYTES:
@@ -98,7 +97,7 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
     words = sweep_words(census.count, census.completed, census.reasons, census.errors, flights)
     return {
         "title": Path(path).name,
-        "words": [*words, *([f"{others} runs of other code are left out."] if others else [])],
+        "words": words,
         "completed": None,
         "count": census.count,
         "failed": census.failed,

@@ -478,7 +478,27 @@ def _axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> l
     return axes
 
 
-# --- how the power of a command is measured
+# --- options: which columns are read, how the power of a command is measured
+
+
+@dataclass(frozen=True)
+class PowerColumns:
+    """Which columns of a recording are read."""
+
+    power: Annotated[Sequence[str], Flag(metavar="COLUMN")] = ()
+    """Column of the power, with its unit where its name has none: 'PWR_AVG [W]'. May repeat: they are added."""
+
+    of: Annotated[str, Flag(metavar="NAME,…")] = ""
+    """Columns of the parameters, in a table with others."""
+
+    trim: Annotated[int, Flag(low=0)] = 0
+    """Leave out so many readings at the start and the end of a trace, as of an idle computer."""
+
+    @property
+    def parameters(self) -> list[str]:
+        """The names of `of`."""
+        return [name.strip() for name in self.of.split(",")] if self.of else []
+
 
 SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
 """Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""
