@@ -108,9 +108,7 @@ def command(
         emit_json(summary)
     else:
         emit(_text(flight, output))
-    failures = _alarmed(summary)
-    kept = summary["reserve_kept"] or not output.require_reserve
-    return 0 if summary["completed"] and kept and not (output.strict_solver and failures) else 1
+    return _answer(summary, output)
 
 
 def _job(kind: JobKind, folder: str, texts: list[str], seed: int | None, output: SimulateOutputs) -> int:
@@ -124,18 +122,17 @@ def _job(kind: JobKind, folder: str, texts: list[str], seed: int | None, output:
         emit_json(job.summary)
     else:
         emit("\n".join([*job.text(), *([f"written    {output.out}"] if output.out else [])]))
-    failures = _alarmed(job.summary)
-    kept = job.summary["reserve_kept"] or not output.require_reserve
-    return 0 if job.summary["completed"] and kept and not (output.strict_solver and failures) else 1
+    return _answer(job.summary, output)
 
 
-def _alarmed(summary: Mapping[str, Any]) -> str | None:
-    """The solver's failures in a summary, which are warned of."""
+def _answer(summary: Mapping[str, Any], output: SimulateOutputs) -> int:
+    """The exit code of a summary; its failures of the solver are warned of."""
     from eadp.io.flight import solver_text
 
     failures = solver_text(summary)
     alarm(failures)
-    return failures
+    kept = summary["reserve_kept"] or not output.require_reserve
+    return 0 if summary["completed"] and kept and not (output.strict_solver and failures) else 1
 
 
 def _text(flight: Flight, output: SimulateOutputs) -> str:

@@ -50,9 +50,6 @@ class SweepOptions:
     scheduler: Annotated[str | None, Flag(metavar="ADDRESS")] = None
     """A Dask scheduler's workers, as in tcp://host:8786."""
 
-    retry: bool = False
-    """Try again the runs that could not be made."""
-
     set_: Annotated[Sequence[str], Flag(metavar="KEY=VALUE")] = ()
     """Set a scenario key in every run, as in time_limit_s=60."""
 
@@ -89,7 +86,8 @@ def command(
 
     Fly a plan many times: a grid, zipped values, a random sample, several seeds, or a product of these.
 
-    With -o results are stored in a SQLite file one by one. After a stop, the same command makes the missing runs.
+    With -o results are stored in a SQLite file one by one. After a stop, the same command makes the missing runs, and
+    those that could not be made again.
     Beside it is a page with heat map and curves, under its name with .html.
 
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made, or are not what
@@ -109,8 +107,6 @@ def command(
         return 0
     with contextlib.closing(Results(out)) as results:
         results.expect(keys)
-        if options.retry:
-            results.forget_failures()
         _make(sweep, results, options)
         if out is not None:
             write_page(out, options.keep)

@@ -226,10 +226,16 @@ class Results:
                     row |= {name: bool(row[name]) for name in ("completed", "reserve_kept")}
                 yield {name: row[name] for name in names}
 
-    def everything(self) -> Iterator[dict[str, Any]]:
-        """Every run: key, files, overrides, seed, figures and error; in the order of keys, which is random."""
+    def counts(self, column: str) -> dict[Any, int]:
+        """How many of all runs have each value of a column that they have."""
+        query = f"SELECT {column}, count(*) FROM runs WHERE {column} IS NOT NULL GROUP BY 1"
         with self._sqlite_errors():
-            for stored in self._connection.execute("SELECT * FROM runs ORDER BY key"):
+            return dict(self._connection.execute(query))
+
+    def everything(self, most: int) -> Iterator[dict[str, Any]]:
+        """All runs up to a number: key, files, overrides, seed, figures and error; in the random order of keys."""
+        with self._sqlite_errors():
+            for stored in self._connection.execute("SELECT * FROM runs ORDER BY key LIMIT ?", (most,)):
                 row = dict(zip(_ROW, stored, strict=True))
                 yield {**row, "files": json.loads(row["files"]), "overrides": json.loads(row["overrides"])}
 

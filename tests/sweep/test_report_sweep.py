@@ -44,7 +44,7 @@ def page(swept):
 
 def rows_of(path):
     with closing(Results(str(path), read_only=True)) as results:
-        return list(results.everything())
+        return list(results.everything(1000))
 
 
 def test_the_page_has_every_run(swept, page):

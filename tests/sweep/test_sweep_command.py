@@ -273,7 +273,7 @@ def test_an_existing_file_goes_on(eadp, folder):
     assert whole(results) == 24
     took = failures(results)
     assert len(took) == 24 - MADE
-    eadp(*common, "--retry")
+    assert eadp(*common).out == first
     assert whole(results) == 24
     assert not {*took} & {*failures(results)}, "those that could not be made were tried again"
     more = SWEEP.replace("[0, 2, 4]", "[0, 1, 2, 4]")

@@ -23,7 +23,7 @@ PUBLIC = {
     "CoverageOptions", "CoveragePlan", "EadpError", "EnergyFit", "EnergyModel", "ExportOptions", "Flight",
     "Infeasible", "InputError", "JobFlight", "SortieOptions", "SortiePlan", "cover_in_sorties", "simulate_sorties",
     "Plan", "Profile", "SweepFlight", "cover", "export", "fit_power", "fit_vehicle",
-    "forecast", "read_mission", "read_plan", "read_profile", "report", "simulate", "sweep", "vehicle",
+    "forecast", "read_plan", "read_profile", "report", "simulate", "sweep", "vehicle",
 }  # fmt: skip
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 FIELD = str(ROOT / "plans/meadow.geojson")
