@@ -14,20 +14,9 @@ import numpy as np
 from eadp.api.flight import AIRSPEEDS, Flight, record_row
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
-from eadp.io.flight import (
-    counted_text,
-    flight_facts,
-    flown_coverage,
-    flown_of_plan,
-    percent_text,
-    reserve_text,
-    setting_text,
-    time_text,
-)
+from eadp.io.flight import account, flown_coverage, flown_of_plan
 from eadp.io.page import REPORT, page_html, significant
 from eadp.io.scenario import Scenario
-from eadp.models.airspace import risk_text
-from eadp.models.battery import LIMITS
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Leg, leg_points, point_at
@@ -114,7 +103,7 @@ def write_page(flight: Flight, folder: Path) -> None:
 def flight_data(flight: FlownFlight) -> dict[str, Any]:
     """The data of a flight's page."""
     world, summary = flight.world, flight.summary
-    plan, columns, expected = world.plan, flight.columns, summary["energy_forecast"]
+    plan, columns, rows = world.plan, flight.columns, account(summary, flight.scenario, world.plan)
     times = columns["time_s"]
     parameters = [
         {
@@ -128,15 +117,11 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         for i, parameter in enumerate(plan.parameters)
     ]
     values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())
-    rows = zip(times, map(int, columns["stage"]), columns["x_m"], columns["y_m"], values, strict=False)
-    flown = PlanReplay(PlanCursor.start(plan, world.parameters, world.rules), world.start.position_m, rows)
+    logged = zip(times, map(int, columns["stage"]), columns["x_m"], columns["y_m"], values, strict=False)
+    flown = PlanReplay(PlanCursor.start(plan, world.parameters, world.rules), world.start.position_m, logged)
     return {
         "title": plan.name.rpartition("/")[2],
-        "words": [
-            *flight_words(summary, flight.decisions),
-            f"It flew with {setting_text(flight.scenario)}.",
-            *([f"The forecast counts {counted_text(flight.scenario, plan, expected)}."] if expected else []),
-        ],
+        "words": [text for label, text in rows if not label],
         "completed": summary["completed"],
         "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},
         "reserve": None if world.battery.prescribed else summary["soc_reserve"],
@@ -162,7 +147,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
             columns,
             plan.shown(dict(zip(plan.names, world.parameters, strict=True))),
         ),
-        "facts": flight_facts(summary),
+        "facts": [row for row in rows if row[0]],
     }
 
 
@@ -319,32 +304,3 @@ def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
         points += [(p.x_m, p.y_m) for p in leg_points(leg, max(step_m, 1.0))]
     rounded = [(round(x, 1), round(y, 1)) for x, y in points]
     return [value for point, _ in itertools.groupby(rounded) for value in point]
-
-
-def flight_words(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Sentences on a flight: how it ended, its charge, what was forecast, and a return; `flight_facts` has the rest."""
-    verb = "completed" if summary["completed"] else "did not complete"
-    after = f"after {time_text(summary['duration_s'])} and {summary['distance_m'] / 1000:.2f} km"
-    soc, reserve = percent_text(summary["soc_final"]), percent_text(summary["soc_reserve"])
-    words = [
-        f"The flight {verb}: {summary['reason']} {after}.",
-        f"It used {summary['energy_wh']:.2f} Wh. The charge at the end was {soc}; the reserve of {reserve} was "
-        f"{reserve_text(summary)}.",
-    ]
-    if summary["battery_limit"]:
-        words.append(f"Of the battery's limits, {LIMITS[summary['battery_limit']]} bound.")
-    if (expected := summary["energy_forecast"]) is not None:
-        words.append(
-            f"The forecast before take-off was {expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh in "
-            f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
-            f"{percent_text(expected['completes_probability'])}."
-        )
-        if expected["turn_back_s"] is not None:
-            words.append(f"By it, home was within reach with the reserve until {expected['turn_back_s']:.0f} s.")
-        words += [f"By it, the flight {risk_text(*each.values())}." for each in expected["obstacles"]]
-    elif summary["never_past"]:
-        words.append(
-            f"There was no forecast before take-off: {summary['never_past']} has a turn that is never got past."
-        )
-    turns = [row for row in decisions if str(row["reason"]).startswith(TURNS_BACK)]
-    return [*words, *(f"At {row['time_s']:g} s it decided: {row['reason']}." for row in turns)]

@@ -107,11 +107,10 @@ def test_laps_are_counted(page, decisions):
 
 
 def test_the_words_are_the_summarys(folder, page):
-    summary = json.loads((folder / "summary.json").read_text())
-    words = " ".join(page.data["words"])
-    assert words.startswith("The flight completed: final point reached after ")
-    assert f"It used {summary['energy_wh']:.2f} Wh" in words
-    assert dict(page.data["facts"])["spacing"].startswith("mean ")
+    summary, facts = json.loads((folder / "summary.json").read_text()), dict(page.data["facts"])
+    assert page.data["words"][0].startswith("completed: final point reached after ")
+    assert facts["energy"].startswith(f"{summary['energy_wh']:.3f} Wh; power mean ")
+    assert facts["spacing"].startswith("mean ")
 
 
 def test_the_command_makes_the_same_page(eadp, folder, tmp_path):
@@ -186,6 +185,6 @@ def test_a_flight_that_does_not_complete(tmp_path, root):
     page = Page((tmp_path / "short/report.html").read_text(encoding="utf-8"))
     page.check()
     assert page.data["completed"] is False
-    assert page.data["words"][0].startswith("The flight did not complete: battery empty")
+    assert page.data["words"][0].startswith("NOT completed: battery empty")
     assert page.data["decisions"]["changed"] == []
     assert math.isclose(page.data["end"]["soc_final"], flight.summary["soc_final"])
