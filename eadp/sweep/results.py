@@ -211,8 +211,9 @@ class Results:
             self._connection.executemany("INSERT INTO wanted VALUES (?, ?)", enumerate(keys))
 
     def missing(self) -> list[int]:
-        """Positions of the expected runs that are not made; of several with one key, the first."""
-        query = "SELECT min(place) FROM wanted WHERE key NOT IN (SELECT key FROM runs) GROUP BY key ORDER BY 1"
+        """Positions of the expected runs that are not made, or could not be; of several with one key, the first."""
+        made = "SELECT key FROM runs WHERE error IS NULL"
+        query = f"SELECT min(place) FROM wanted WHERE key NOT IN ({made}) GROUP BY key ORDER BY 1"
         with self._sqlite_errors():
             return [place for (place,) in self._connection.execute(query)]
 
@@ -247,15 +248,17 @@ class Results:
         with self._sqlite_errors():
             for i in range(0, len(runs), KEYS_PER_QUERY):
                 some = [run.key for run in runs[i : i + KEYS_PER_QUERY]]
-                query = f"SELECT key FROM runs WHERE key IN ({', '.join('?' * len(some))})"
+                query = f"SELECT key FROM runs WHERE error IS NULL AND key IN ({', '.join('?' * len(some))})"
                 made.update(key for (key,) in self._connection.execute(query, some))
         return [run for run in runs if run.key not in made]
 
     def store(self, results: Sequence[tuple[Run, Result]]) -> None:
-        """Store results; the first of each run stays."""
+        """Store results; the first of each run stays, in place of an error."""
         with self._sqlite_errors(), self._transaction():
             rows = [self._row(run, result) for run, result in results]
             marks = ", ".join("?" * len(_ROW))
+            failed = "DELETE FROM runs WHERE key = ? AND error IS NOT NULL"
+            self._connection.executemany(failed, [row[:1] for row in rows])
             self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
 
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
@@ -268,14 +271,6 @@ class Results:
         files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]
         return (run.key, code_identity(), files, overrides, seed, *figures, result.error, text, result.took_s)
-
-    # --- failures
-
-    def forget_failures(self) -> None:
-        """Delete the expected runs that could not be made, so that they are tried again."""
-        with self._sqlite_errors(), self._transaction():
-            query = "DELETE FROM runs WHERE error IS NOT NULL AND key IN (SELECT key FROM wanted)"
-            self._connection.execute(query)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

@@ -97,7 +97,6 @@ def missing_runs(
 
     The engine ends with the block. `keep` is where the flights' result folders go, if anywhere.
     """
-    results.forget_failures()
     missing = results.missing()
     if not missing:
         yield 0, 1, iter(())
