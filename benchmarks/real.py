@@ -46,10 +46,10 @@ from eadp.core import compiled
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import EadpError, InputError
 from eadp.io.plan.sources import PlanReader, is_mission
-from eadp.io.profile.recordings import read_recording
 from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
 from eadp.measure.power_log import Columns
+from eadp.measure.recordings import read_recording
 from eadp.models.plan.trace import whole_route
 from eadp.planning.forecast.evaluate import OVERSHOOT_SHARE
 from eadp.simulation.loop import Outcome, fly

@@ -30,10 +30,9 @@ from measured import options, recorded, table
 
 from eadp.core import compiled
 from eadp.io.text.streams import read_text
-from eadp.sweep.engines import DaskEngine, Make, PoolEngine
+from eadp.sweep.engines import DaskEngine, Engine, Make, PoolEngine, Result, Run, SerialEngine
 from eadp.sweep.results import Results
-from eadp.sweep.run import FlyRun, SerialEngine, make_runs
-from eadp.sweep.runs import Engine, Result, Run
+from eadp.sweep.run import FlyRun, make_runs
 from eadp.sweep.sweep_file import Sweep, read_sweep
 
 ROOT = Path(__file__).resolve().parent.parent

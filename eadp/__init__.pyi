@@ -1,8 +1,7 @@
 from eadp.api.flight import Flight, forecast, simulate
 from eadp.api.given import FlightOptions
-from eadp.api.plan import check_plan, read_mission, read_plan
-from eadp.api.profile import read_profile
-from eadp.api.vehicle import vehicle
+from eadp.api.plan import check_plan, read_plan
+from eadp.api.vehicle import read_profile, vehicle
 from eadp.errors import EadpError, Infeasible, InputError
 from eadp.exchange.export import ExportOptions, export
 from eadp.live.link import LinkOptions
@@ -49,7 +48,6 @@ __all__ = [
     "fit_power",
     "fit_vehicle",
     "forecast",
-    "read_mission",
     "read_plan",
     "read_profile",
     "replan",

@@ -8,8 +8,6 @@ import json
 import pytest
 from common import ROOT
 
-from eadp.io.text import json as frames
-
 PAGE = ROOT / "docs/notebook.ipynb"
 
 
@@ -35,9 +33,7 @@ def test_the_cells_run(monkeypatch, folder):
     flight = names["flight"]
     assert repr(flight).startswith("<Flight of meadow.geojson: completed, ")
     assert len(repr(flight)) < 200
-    assert "<th>energy</th>" in flight._repr_html_()
-    table = names["flights"].table()
-    assert list(table["completed"]).count(True) >= 3
+    assert [each.completed for each in names["flights"]].count(True) >= 3
     assert "waypoint" in names["mission"] or "mission" in names["mission"]
 
 
@@ -49,30 +45,3 @@ def test_repr_of_what_a_notebook_holds_is_short(monkeypatch):
     plan = flight.inputs.world.plan
     assert repr(plan) == "<Plan survey.plan: 4 stages, parameters spacing, fps>"
     assert "NOT completed: time limit" in repr(flight)
-
-
-@pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])
-def test_a_table_is_of_the_library_that_is_installed(library, monkeypatch):
-    class Fake:
-        @staticmethod
-        def DataFrame(columns):
-            return library, columns
-
-        table = DataFrame
-
-    def installed(name):
-        if name == library:
-            return Fake
-        raise ImportError(name)
-
-    monkeypatch.setattr(frames.importlib, "import_module", installed)
-    assert frames.frame({"a": [1, 2]}) == (library, {"a": [1, 2]})
-
-
-def test_without_such_a_library_a_table_is_a_dict(monkeypatch):
-    def installed(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(frames.importlib, "import_module", installed)
-    assert frames.frame({"a": (1, 2)}) == {"a": [1, 2]}
-    assert frames.html_table([("<a>", "b & c")]) == "<table><tr><th>&lt;a&gt;</th><td>b &amp; c</td></tr></table>"

@@ -22,7 +22,6 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.flight import flown_coverage, flown_of_plan
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.csv import write_rows
-from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import new_folder
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
@@ -254,17 +253,6 @@ class Flight:
     overrides: Sequence[str] = ()
     estimates: Sequence[Any] = ()
 
-    def table(self) -> AnyTable:
-        """`columns` as a table of pandas, polars or Arrow, whichever is installed; else a dict of lists.
-
-        Each parameter with a name stands under it, too, as people read it: c1 as spacing, c2 as fps.
-        """
-        columns: dict[str, Any] = {**self.columns, "stage": self.columns["stage"].astype(int)}
-        for parameter in self.inputs.world.plan.parameters:
-            if parameter.title:
-                columns[parameter.title] = [parameter.shown(value) for value in self.lists[parameter.name]]
-        return frame(columns)
-
     @cached_property
     def estimate_rows(self) -> list[Sequence[str | float]]:
         """Header and rows of `estimate.csv`; empty without a log."""
@@ -273,19 +261,10 @@ class Flight:
 
     def __repr__(self) -> str:
         """One line, not the log."""
-        return f"<Flight of {self.inputs.world.plan.name.rpartition('/')[2]}: {', '.join(self._words)}>"
-
-    def _repr_html_(self) -> str:
-        from eadp.io.flight import flight_facts
-
-        return html_table([("flight", ", ".join(self._words)), *flight_facts(self.summary)])
-
-    @property
-    def _words(self) -> list[str]:
-        summary = self.summary
+        summary, name = self.summary, self.inputs.world.plan.name.rpartition("/")[2]
         ended = "completed" if summary["completed"] else f"NOT completed: {summary['reason']}"
-        words = [ended, f"{summary['duration_s']:.0f} s", f"{summary['energy_wh']:.2f} Wh"]
-        return [*words, f"{100 * summary['soc_final']:.0f} % of the charge left"]
+        used = f"{summary['duration_s']:.0f} s, {summary['energy_wh']:.2f} Wh"
+        return f"<Flight of {name}: {ended}, {used}, {100 * summary['soc_final']:.0f} % of the charge left>"
 
     @cached_property
     def columns(self) -> dict[str, FloatArray]:

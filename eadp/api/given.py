@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
-from eadp.errors import Fault, InputError
+from eadp.errors import Fault
 from eadp.io.text.options import Flag
 from eadp.plug_ins import plug_ins
 
@@ -30,9 +30,6 @@ class FlightOptions:
     profile: Annotated[str | None, Flag(metavar="FILE")] = None
     """Computation profile: its model, or the measurements."""
 
-    at: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
-    """Of a plan without computations: the configuration of the profile, a constant load [the highest]."""
-
     energy: Annotated[str | None, Flag(metavar="FILE")] = None
     """Energy model made by eadp fit."""
 
@@ -41,16 +38,6 @@ class FlightOptions:
 
     set_: Annotated[Sequence[str], Flag(metavar="KEY=VALUE")] = ()
     """Set a scenario key, as in wind.speed_mps=8, spacing=20 or fps=5."""
-
-    @property
-    def overrides(self) -> list[str]:
-        """Keys of the scenario that are set, those of a load of `at` too; raises InputError."""
-        load = [part.strip() for each in self.at for part in each.split(",")]
-        for text in load:
-            if "=" not in text:
-                message = f"{text or 'an empty text'} is no name=value"
-                raise InputError.at("--at", 1, 1, message, "NAME=VALUE, as in fps=5", text)
-        return [*self.set_, *(f"profile_at.{text}" for text in load)]
 
 
 def python_warnings(faults: Sequence[Fault]) -> None:

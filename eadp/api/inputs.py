@@ -27,7 +27,7 @@ from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import Computing, join_profile, load_configuration, may_compute
-from eadp.models.doubts import aircraft_doubts, angle_doubts, position_doubts
+from eadp.models.doubts import aircraft_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
@@ -218,9 +218,9 @@ def load_flight(
         warnings += found
     flown, setting = _named(flown, plan_source, computations, setting)
     place = "" if computations is None else sources["profile"].name
-    computing = _computing(flown, plan_source, computations, place, setting)
+    computing = _computing(flown, plan_source, computations, place)
     if computations is not None and not may_compute(flown):
-        warnings.append(_load_note(computations, place, computing, setting))
+        warnings.append(_load_note(computations, place, computing))
     if isinstance(energy, EnergyModel):
         sources["energy"], model = Given(energy, "given-energy.yaml", energy_yaml), energy
     elif energy is not None:
@@ -483,19 +483,10 @@ def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
     return plan
 
 
-def _computing(plan: Plan, text: Source, profile: Profile | None, place: str, scenario: Scenario) -> Computing:
+def _computing(plan: Plan, text: Source, profile: Profile | None, place: str) -> Computing:
     """The computations of a plan, or the constant load of those that it does not decide."""
-    load_at = scenario.keys.profile_at
-    if load_at and (profile is None or may_compute(plan)):
-        what = "no profile" if profile is None else "a plan that has parameters for its computations"
-        raise InputError(
-            scenario.fault("profile_at", f"a constant load beside {what}", "a profile, and a plan without")
-        )
-    if profile is not None and load_at:
-        with _at_key(scenario, "profile_at", f"measured values of {', '.join(profile.names)}"):
-            load_configuration(profile, load_at)
     try:
-        return join_profile(plan, profile, load_at)
+        return join_profile(plan, profile)
     except EadpError as error:
         if not place:
             raise InputError.at(
@@ -504,12 +495,10 @@ def _computing(plan: Plan, text: Source, profile: Profile | None, place: str, sc
         raise InputError.at(place, 1, 1, str(error), "a profile of the plan's computations") from None
 
 
-def _load_note(profile: Profile, place: str, computing: Computing, scenario: Scenario) -> Fault:
+def _load_note(profile: Profile, place: str, computing: Computing) -> Fault:
     """What a profile beside a plan without computations counts as."""
-    load_at = scenario.keys.profile_at
-    at = configuration_text(profile.names, load_configuration(profile, load_at), ",")
-    why = "as stated" if set(load_at) == set(profile.names) else "the highest; --at states another"
-    message = f"the plan has no parameter for it: a constant load of {computing.load_w:.2f} W at {at} ({why})"
+    at = configuration_text(profile.names, load_configuration(profile), ",")
+    message = f"the plan has no parameter for it: a constant load of {computing.load_w:.2f} W at {at}, its highest"
     return Fault(place, 1, 1, message, severity="note")
 
 
@@ -564,8 +553,6 @@ def _doubts(scenario: Scenario, world: World) -> list[Fault]:
     first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
     found = [
         *aircraft_doubts(keys.vehicle.airframe, keys.battery),
-        *angle_doubts("wind.from_deg", keys.wind.from_deg),
-        *angle_doubts("start.heading_deg", keys.start.heading_deg),
         *position_doubts("start", keys.start.position_m, first_m, origin_deg),
         *position_doubts("home", keys.home.position_m, first_m, origin_deg),
     ]

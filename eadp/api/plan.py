@@ -113,24 +113,6 @@ def read_plan(
     return read.plan
 
 
-def read_mission(
-    file: File, *, min_radius_m: float | None = None, laps: int | None = None, warn: Warn = python_warnings
-) -> Plan:
-    """Read a mission of other software as a plan: as `read_plan`, which also reads plans.
-
-    Raises
-    ------
-    InputError
-        With every fault of the file; where it is a plan of eadp, too.
-    """
-    text = read_text(str(file))
-    if not is_mission(text):
-        raise InputError.at(text.name, 1, 1, "is no mission", "a QGroundControl plan or a WPL file")
-    read = _in_zones(_read(text, min_radius_m, laps))
-    warn(read.faults)
-    return read.plan
-
-
 def plan_of(given: File | Plan, min_radius_m: float | None, warn: Warn) -> tuple[Plan, str]:
     """A plan that is given, and its name in messages."""
     if isinstance(given, Plan):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import io
 import os
-import shlex
 import sys
 import traceback
 from collections.abc import Callable
@@ -15,8 +14,8 @@ import typer
 import typer.core
 
 from eadp import __version__
-from eadp.cli.output import escaped, faults_as_json, faults_text, grouped
-from eadp.errors import EadpError, Fault, InputError, printable
+from eadp.cli.output import escaped, faults_text, grouped
+from eadp.errors import EadpError, InputError, printable
 from eadp.plug_ins import added_names, blame, plug_in
 
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
@@ -150,8 +149,6 @@ def main(arguments: list[str]) -> int:
     """Run one command line; return its exit code (0 yes, 1 no, 2 bad input, 70 a bug, 130 interrupted)."""
     if isinstance(sys.stdout, io.TextIOWrapper):  # what a terminal cannot show is escaped
         sys.stdout.reconfigure(errors="backslashreplace")
-    words = " ".join(arguments).replace("--faults=", "--faults ")
-    faults_as_json.set("--faults json" in words)  # an option that cannot be read is a fault, too
     try:
         # those that a shell completes: bash's words, and what typer's scripts for other shells hand over
         shown = os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()[1:]
@@ -169,9 +166,7 @@ def main(arguments: list[str]) -> int:
         return _interrupted()
     except EadpError as error:
         _debug()
-        faults = error.faults if isinstance(error, InputError) else [Fault("eadp", 1, 1, str(error))]
-        plain = isinstance(error, InputError) or faults_as_json.get()
-        sys.stderr.write(faults_text(faults) if plain else escaped(f"eadp: error: {error}\n"))
+        sys.stderr.write(faults_text(error.faults) if isinstance(error, InputError) else _plain(str(error)))
         return BAD_INPUT
     except (BrokenPipeError, _Closed):
         _drop_output()  # the reader has seen enough
@@ -182,7 +177,7 @@ def main(arguments: list[str]) -> int:
     except Exception as error:
         _debug()
         if isinstance(error, _UsageFault):
-            return _usage(error, arguments)
+            return _usage(error)
         if _follows_interrupt(error):
             return _interrupted()
         what = f"{type(error).__name__}: {error}"
@@ -223,7 +218,7 @@ def _drop_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _usage(error: Exception, arguments: list[str]) -> int:
+def _usage(error: Exception) -> int:
     """A command line that cannot be read, or no command at all, which is answered with the help."""
     message = getattr(error, "format_message", lambda: str(error))().replace("Value error, ", "")
     message = message.replace(_NO_NUMBER, "is no number; expected one with a decimal point, as in 6.3")
@@ -234,31 +229,23 @@ def _usage(error: Exception, arguments: list[str]) -> int:
         example = (error.ctx.command.help or "").partition("\n")[0]  # type: ignore[attr-defined]
         message = f"{message} {example}"
     if type(error).__name__ == "NoSuchOption":
-        message = _pipe(error, arguments) or message
-    plain = escaped(f"eadp: error: {message}\n")
-    sys.stderr.write(faults_text([Fault("eadp", 1, 1, message)]) if faults_as_json.get() else plain)
+        message = _pipe(error) or message
+    sys.stderr.write(_plain(message))
     return BAD_INPUT
 
 
-def _pipe(error: Any, arguments: list[str]) -> str:
+def _plain(message: str) -> str:
+    return escaped(f"eadp: error: {message}\n")
+
+
+def _pipe(error: Any) -> str:
     """What to type in place of an option that `eadp plan` has for all commands that read a plan; else empty."""
     from eadp.cli.plan import CHANGES
 
-    command = error.ctx.command
-    if error.option_name.lstrip("-") not in CHANGES or all(each.metavar != "PLAN" for each in command.params):
+    name = error.option_name
+    if name.lstrip("-") not in CHANGES or all(each.metavar != "PLAN" for each in error.ctx.command.params):
         return ""
-    flags = {option for each in command.params if getattr(each, "is_flag", False) for option in each.opts}
-    words, file, changes, rest = iter(arguments[1:]), "PLAN", list[str](), list[str]()
-    for word in words:
-        option, _, value = word.partition("=")
-        if word == "-" or not word.startswith("-"):
-            file = word
-            continue
-        taken = changes if option.lstrip("-") in CHANGES else rest
-        taken.append(word)
-        taken += [] if value or option in flags else [next(words, "")]
-    first, then = ["eadp", "plan", file, *changes], ["eadp", arguments[0], "-", *rest]
-    return f"{error.option_name} is an option of eadp plan: {shlex.join(first)} | {shlex.join(then)}"
+    return f"{name} is an option of eadp plan: eadp plan PLAN {name} … | eadp {error.ctx.info_name} -"
 
 
 def _debug() -> None:

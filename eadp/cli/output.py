@@ -12,7 +12,7 @@ import time
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
-from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from enum import StrEnum
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -20,10 +20,6 @@ from typer import Option
 
 from eadp.errors import Fault, InputError, first_faults
 from eadp.io.text.options import UNITS, Flag, attribute_docstrings, option_name
-
-faults_as_json: ContextVar[bool] = ContextVar("faults_as_json", default=False)
-"""Whether faults are printed as JSON."""
-
 
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 """Characters that command a terminal, or turn the direction of writing."""
@@ -67,9 +63,7 @@ def alarm(text: str | None) -> None:
 
 
 def faults_text(faults: Sequence[Fault]) -> str:
-    """Faults as lines, or as one line of JSON where that is asked for."""
-    if faults_as_json.get():
-        return json_text({"schema": "eadp.faults/1", "faults": [asdict(fault) for fault in faults]}) + "\n"
+    """Faults as lines."""
     return escaped("".join(f"{fault}\n" for fault in faults))
 
 
@@ -115,9 +109,6 @@ class StderrOptions:
 
     quiet: Annotated[bool, Flag("-q --quiet")] = False
     """Write nothing but errors and failed runs of the solver on standard error: no progress, no other warnings."""
-
-    faults: Literal["text", "json"] = "text"
-    """How to print errors and warnings: json is a document a line, eadp.faults/1."""
 
 
 def grouped(command: Callable[..., int], *, texts: bool = True) -> Callable[..., int]:

@@ -174,13 +174,8 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
         "primitive_stages": plan.primitive_stages,
         "final": _point(plan, plan.final_point),
         "parameters": [
-            {
-                "name": item.name,
-                "kind": item.kind,
-                "title": item.title,
-                "unit": item.unit,
-                "stands_for": None if item.stands_for is None else item.stands_for.text,
-            }
+            {name: getattr(item, name) for name in ("name", "kind", "title", "unit")}
+            | {"stands_for": item.stands_for and item.stands_for.text}
             for item in plan.parameters
         ],
         "trigger_radius_m": plan.trigger_radius_m,
@@ -210,18 +205,9 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
-    result: dict[str, Any] = {
-        "severity": finding.severity,
-        "stage": finding.stage,
-        "line": finding.line,
-        "code": finding.code,
-        "message": finding.message,
-    }
-    if finding.formula:
-        result["formula"] = finding.formula
-    if finding.proven is not None:
-        result["proven"] = finding.proven
-    return result
+    always = {name: getattr(finding, name) for name in ("severity", "stage", "line", "code", "message")}
+    known = {"formula": finding.formula or None, "proven": finding.proven}
+    return always | {name: value for name, value in known.items() if value is not None}
 
 
 def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:

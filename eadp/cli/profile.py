@@ -11,8 +11,7 @@ from typer import Argument, Option
 
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
-from eadp.io.profile.measurements import MeasureOptions
-from eadp.io.profile.recordings import PowerColumns
+from eadp.io.profile.measurements import MeasureOptions, PowerColumns
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, option_name
 from eadp.plug_ins import plug_in

@@ -13,6 +13,7 @@ import numpy as np
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.io.scenario import Scenario, battery_keys
+from eadp.models.airspace import BOUNDARY, risk_text
 from eadp.models.battery import LOSS
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import TRIGGER_DISTANCE
@@ -71,36 +72,123 @@ def reserve_text(summary: Mapping[str, Any]) -> str:
     return "not kept, as the flight did not complete" if unspent else "not kept"
 
 
-def time_text(time_s: float) -> str:
-    """A time in minutes and seconds."""
-    minutes, seconds = divmod(round(time_s), 60)
-    return f"{minutes} min {seconds} s" if minutes else f"{time_s:.1f} s"
-
-
 def percent_text(share: float) -> str:
     """A share in percent."""
     return f"{100 * share:.3g} %"
 
 
-def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
-    """Figures of a flight, each with its name."""
-    power, laps = summary["power_w"], summary["lap_times_s"]
-    facts = [
-        ("planner", summary["planner"]),
-        ("duration", f"{summary['duration_s']:.2f} s"),
-        ("distance", f"{summary['distance_m']:.0f} m"),
-        ("energy", f"{summary['energy_wh']:.3f} Wh"),
-        ("power", f"{power['min']:.2f} to {power['max']:.2f} W"),
-        ("charge at the end", f"{percent_text(summary['soc_final'])}, reserve {percent_text(summary['soc_reserve'])}"),
+Account = list[tuple[str, str]]
+"""Labels and texts."""
+
+
+def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan, *, verbose: bool = False) -> Account:
+    """A flight for people, as commands and pages print it; how it ended has no label."""
+    power, solver, decisions = summary["power_w"], summary["solver"], summary["decisions"]
+    done = "completed" if summary["completed"] else "NOT completed"
+    km = f"{summary['distance_m'] / 1000:.2f} km"
+    energy = f"{summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W"
+    kept = f"reserve of {100 * summary['soc_reserve']:g} % {reserve_text(summary)}"
+    rows = [
+        ("aircraft", setting_text(scenario)),
+        *_expected(summary, scenario, plan),
+        ("", f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {km}"),
+        *(
+            (
+                "airspace",
+                f"{'beyond' if each['name'] == BOUNDARY else 'in'} {each['name']} from {each['entered_s']:.1f} s on, "
+                f"{each['inside_m']:.0f} m",
+            )
+            for each in summary["obstacles"]
+        ),
+        ("energy", f"{energy}, from {power['min']:.2f} to {power['max']:.2f} W"),
+        ("battery", f"{100 * summary['soc_final']:.1f} % of the charge at the end; {kept}"),
     ]
-    facts += [(label_of(name, values), parameter_text(values)) for name, values in summary["parameters"].items()]
-    if laps:
-        facts.append(("laps", f"{len(laps)} after the first, {min(laps):.2f} to {max(laps):.2f} s"))
-    if summary["period_s"] is not None:
-        facts.append(("period of the power", f"{summary['period_s']:.3f} s"))
-    facts += [("re-plannings", str(summary["decisions"])), ("seed", str(summary["seed"]))]
-    facts += [("solver", failures)] if (failures := solver_text(summary)) else []
-    return [list(fact) for fact in facts]
+    if summary["turned_back_m"] is not None:
+        x, y = summary["turned_back_m"]
+        rows.append(("home", f"decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m"))
+    rows += _endurance(summary["endurance"], verbose=verbose)
+    rows += [(label_of(name, values), parameter_text(values)) for name, values in summary["parameters"].items()]
+    if summary["quality"] is not None:
+        ends = "0: widest lines, lowest rates; 1: densest lines, full rates, to the end"
+        rows.append(("quality", f"{summary['quality']:.3f} of 1 ({ends})"))
+    if summary["coverage"] is not None:
+        rows.append(("covered", f"{100 * summary['coverage']:.2f} % of the field, by the lines flown"))
+    replans = f"; re-planned {decisions} times" if decisions else ""
+    if verbose:
+        replans += f"; {summary['replans']} by OSQP ({solver['calls']} runs, {solver['failed']} failed), "
+        replans += f"{solver['skipped']} kept, {solver['fallbacks']} by the fallback, {solver['infeasible']} infeasible"
+    rows.append(("planner", f"{summary['planner']}{replans}"))
+    return [*rows, *([("solver", failures)] if (failures := solver_text(summary)) else [])]
+
+
+def _endurance(endurance: Mapping[str, Any] | None, *, verbose: bool) -> Account:
+    """How long a full battery lasts with the computations as flown; `verbose` adds the ends of their sets."""
+    if endurance is None or endurance["gain_min_per_h"] is None:
+        return []
+    low, flown, high = (f"{endurance[key]['time_s'] / 60:.1f}" for key in ("lowest", "flown", "highest"))
+    line = f"{flown} min on a full battery, as flown"
+    if verbose and endurance["gain_min_per_h"]:
+        gain = f"{endurance['gain_min_per_h']:.1f} min more in an hour"
+        line += f"; {high} at the highest computations, {low} at the lowest: {gain}"
+    return [("endurance", line)]
+
+
+def _slowed(expected: Mapping[str, Any]) -> Account:
+    """What another airspeed than the aircraft's own buys."""
+    if "at_cruise" not in expected:
+        return []
+    own = expected["at_cruise"]
+    minutes = f"{expected['time_s'] / 60:.0f} min"
+    if (own["completes_probability"] or 0.0) < 0.5:
+        instead = "the battery does not last"
+    else:
+        instead = f"{own['time_s'] / 60:.0f} min"
+        if expected["quality"] is not None and own["quality"] is not None:
+            better, worse = (f"with a quality of {each['quality']:.2f}" for each in (expected, own))
+            minutes, instead = f"{minutes} {better}", f"{instead} {worse}"
+    flown = airspeeds_text(expected["airspeeds_mps"])
+    return [("airspeed", f"{flown}: {minutes}; at {own['airspeed_mps']:g} m/s {instead}")]
+
+
+def _reach(expected: Mapping[str, Any]) -> Account:
+    """How far one pack carries a mission that it does not finish, and how many it takes."""
+    if expected["batteries"] == 1:
+        return []
+    if expected["batteries"] is None:
+        return [("one pack", "leaves no reserve anywhere")]
+    x, y = expected["reach_m"]
+    covers = f"covers {100 * expected['reach_share']:.0f} % with its reserve kept, to ({x:.0f}, {y:.0f}) m at "
+    more = f"{expected['reach_s']:.0f} s; without ways home it takes {expected['batteries']} or more: "
+    return [("one pack", f"{covers}{more}eadp cover --sorties auto")]
+
+
+def _expected(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Account:
+    """What was to be expected before take-off, with what is counted."""
+    expected = summary["energy_forecast"]
+    if expected is None:
+        past = summary["never_past"]
+        return [("forecast", f"finishes: 0 % sure, never past {past}")] if past else []
+    energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
+    times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
+    left = expected["soc_end"]
+    charge = f"{'lands with' if left > 0 else 'short by'} {100 * abs(left):.0f} ± {100 * expected['soc_end_std']:.0f} %"
+    home = []
+    if expected["turn_back_s"] is not None:
+        x, y = expected["turn_back_m"]
+        at = f"at {expected['turn_back_s']:.0f} s, ({x:.0f}, {y:.0f}) m"
+        home = [("home", f"latest turn-back to keep the reserve: {at}")]
+    finishes, keeps = (f"{100 * expected[f'{what}_probability']:.0f} % sure" for what in ("completes", "reserve"))
+    stated = f"{charge} of the charge; keeps the reserve: {keeps}; {energy} in {times}"
+    autopilot = f"{expected.get('autopilot')}; the simulated flight does not"
+    return [
+        ("forecast", f"finishes: {finishes}; {stated}"),
+        ("counts", counted_text(scenario, plan, expected)),
+        *_slowed(expected),
+        *_reach(expected),
+        *home,
+        *([("autopilot", autopilot)] if "autopilot" in expected else []),
+        *(("airspace", risk_text(each["name"], each["probability"])) for each in expected["obstacles"]),
+    ]
 
 
 def airspeeds_text(airspeeds_mps: Sequence[float]) -> str:

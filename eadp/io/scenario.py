@@ -26,17 +26,15 @@ from eadp.io.text.streams import SourceText, Text, read_text
 from eadp.io.text.yaml import (
     STRICT,
     Document,
-    are_given,
     keys_document,
-    never,
     read_yaml,
     schema_of,
     validated,
     validated_at,
     without_nulls,
 )
+from eadp.io.vehicle import SCHEMA as VEHICLE_SCHEMA
 from eadp.io.vehicle import (
-    BESIDE,
     VehicleFile,
     airframe_faults,
     battery_faults,
@@ -44,7 +42,6 @@ from eadp.io.vehicle import (
     vehicle_of,
     without_plug_in,
 )
-from eadp.io.vehicle import SCHEMA as VEHICLE_SCHEMA
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.plan.cursor import Rules
@@ -148,9 +145,6 @@ class ScenarioFile:
     profile: str | None = None
     """Computation profile: path of a model or of measurements, relative to this file."""
 
-    profile_at: Mapping[str, float] = field(default_factory=dict)
-    """Configuration of the profile beside a plan without computations, a constant load; by default the highest."""
-
     vehicle: Annotated[VehicleFile, Field(json_schema_extra=_or_path)] = field(default_factory=VehicleFile)
     """The aircraft: path of a vehicle file, relative to this file, or its content."""
 
@@ -218,12 +212,6 @@ class ScenarioFile:
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
     schema = schema_of(ScenarioFile)
-    for section, pairs in BESIDE.items():
-        rules = [never(*pair) for pair in pairs]
-        if section in ("start", "home"):
-            ends = itertools.permutations(("lat_deg", "lon_deg"))
-            rules += [{"if": are_given(one), "then": are_given(other)} for one, other in ends]
-        schema["$defs"][section.capitalize()]["allOf"] = rules
     for node in schema["properties"].values():
         if "patternProperties" in node:
             node["additionalProperties"] = False

@@ -98,7 +98,7 @@ def replan(
     given = {name: getattr(flight, name) for name in ("scenario", "profile", "energy")}
     options.check(link, {"plan": plan, **given})
     home = ["on_infeasible=home"] if link.return_home else []
-    overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner))
+    overrides = read_overrides(override_texts([*flight.set_, *home], flight.planner))
     inputs = load_flight(plan, **given, overrides=overrides)
     warn(inputs.warnings)
     published = None

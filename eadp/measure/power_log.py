@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
-from eadp.io.profile.recordings import RECORDED, read_recording
 from eadp.io.text.csv import ISO_TIME, NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import Text
+from eadp.measure.recordings import RECORDED, read_recording
 from eadp.measure.spectrum import MIN_SAMPLES
 
 LARGEST_W = 1e9

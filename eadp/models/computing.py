@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -82,27 +82,15 @@ def may_compute(plan: Plan) -> bool:
     return any(not box.inhibited for stage in plan.stages for box in stage.sets[plan.path_count :])
 
 
-def load_configuration(profile: Profile, load_at: Mapping[str, float]) -> tuple[float, ...]:
-    """Configuration of a constant load: each value as stated by name, else the highest; the nearest inside.
-
-    Raises
-    ------
-    EadpError
-        If the profile has no parameter of a name, or has not measured what is stated.
-    """
-    for name, value in load_at.items():
-        if name not in profile.names:
-            raise EadpError(f"the profile has no parameter {name}")
-        lo, hi = profile.range_of(name)
-        if not lo <= value <= hi:
-            raise EadpError(f"{name} = {value:g} is outside what was measured, {lo:g} to {hi:g}")
-    return profile.nearest([load_at.get(name, profile.range_of(name)[1]) for name in profile.names])
+def load_configuration(profile: Profile) -> tuple[float, ...]:
+    """Configuration of a constant load: the highest values, or the nearest inside."""
+    return profile.nearest([profile.range_of(name)[1] for name in profile.names])
 
 
-def join_profile(plan: Plan, profile: Profile | None, load_at: Mapping[str, float] | None = None) -> Computing:
+def join_profile(plan: Plan, profile: Profile | None) -> Computing:
     """Join a plan and a profile by the names of the computations, or in order if the plan has no names.
 
-    Beside a plan without computations that may run, the profile is a constant load, at `load_at` by name.
+    Beside a plan without computations that may run, the profile is a constant load, at its highest configuration.
 
     Raises
     ------
@@ -118,7 +106,7 @@ def join_profile(plan: Plan, profile: Profile | None, load_at: Mapping[str, floa
         return Computing(rho, None)
     if not running:
         # what the profile measures runs all the same, and the plan does not decide it
-        return Computing(rho, None, load_w=profile.power_w_at(load_configuration(profile, load_at or {}), clamp=True))
+        return Computing(rho, None, load_w=profile.power_w_at(load_configuration(profile), clamp=True))
     if len(profile.names) != len(computations):
         raise EadpError(
             f"the plan has {len(computations)} computations, the profile measures {len(profile.names)}: "

@@ -42,13 +42,6 @@ def aircraft_doubts(vehicle: Airframe, battery: Battery) -> Iterator[Doubt]:
             yield Doubt("vehicle.airframe.points", message, "[airspeed in m/s, power in W], around the airspeed")
 
 
-def angle_doubts(key: str, angle_deg: float | None) -> Iterator[Doubt]:
-    """Doubts about an angle of a few degrees and a fraction: up to 2π, which radians are."""
-    if angle_deg is not None and abs(angle_deg) <= 2 * math.pi and angle_deg != round(angle_deg):
-        expected = f"degrees: {angle_deg:g} rad are {math.degrees(angle_deg):.4g}°"
-        yield Doubt(key, f"{angle_deg:g}°, an angle of a few degrees", expected)
-
-
 def position_doubts(key: str, position_m: Point | None, first_m: Point, origin_deg: Point | None) -> Iterator[Doubt]:
     """Doubts about a position in metres: far from the plan's first trigger, or the degrees of the plan's origin."""
     if position_m is None:

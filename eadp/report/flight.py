@@ -1,4 +1,4 @@
-"""The data of a flight's page: what was flown, forecast and decided, in words and as thinned series."""
+"""The data of a flight's page: what was flown, forecast and decided, in words and as series."""
 
 from __future__ import annotations
 
@@ -7,128 +7,29 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from eadp.api.flight import AIRSPEEDS, Flight, record_row
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
-from eadp.io.flight import (
-    counted_text,
-    flight_facts,
-    flown_coverage,
-    flown_of_plan,
-    percent_text,
-    reserve_text,
-    setting_text,
-    time_text,
-)
+from eadp.io.flight import account, flown_coverage, flown_of_plan
 from eadp.io.page import REPORT, page_html, significant
 from eadp.io.scenario import Scenario
-from eadp.models.airspace import risk_text
-from eadp.models.battery import LIMITS
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Leg, leg_points, point_at
 from eadp.models.plan.trace import PlanReplay, legs_from, nominal_legs
 from eadp.models.weather import Wind
 from eadp.models.world import World
-from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
+from eadp.planning.base import TURNS_BACK
 
-ERRORS = dict.fromkeys(("x", "y"), 0.3) | dict.fromkeys(("lat", "lon"), 1e-5)
-ERRORS |= {"m": 0.5, "mps": 0.1, "commanded_mps": 0.01}
-ERRORS |= {"heading": 0.05, "soc": 5e-4, "ah": 1e-3}
-"""Errors of thinned positions [m] and [°], altitudes [m], airspeeds [m/s], headings [rad], and charges."""
+MAX_SAMPLES = 5000
+"""Most samples of a series: several for each pixel of a chart."""
 
-POWER_SHARE, MIN_POWER_W = 1 / 400, 0.01
-"""Error of thinned powers, as a share of their range, and at least [W]."""
-
-MAX_SAMPLES = 10_000
-"""Most samples of a series: one that needs more is thinned within larger errors."""
-
-MAX_WIDER = 1e9
-"""Most by which errors are made larger for fewer samples."""
-
-Values = Sequence[float | None]
-
-
-def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float]) -> list[int]:
-    """Indices of samples between which linear interpolation gives all others, each column within its error.
-
-    Parameters
-    ----------
-    times_s : sequence of float, length n
-        Ascending.
-    columns : sequence of sequences of float or None, each of length n
-        Of samples in a row of which some value is missing, the first and the last are kept.
-    errors : sequence of float
-        Above 0, one for each column.
-
-    Returns
-    -------
-    list of int
-        In order; the first and the last sample are kept.
-
-    Source: the swinging door of E. H. Bristol (1990), with every end on a sample.
-    """
-    count, anchor, indices = len(times_s), 0, [0] if times_s else []
-    gap = _gaps(columns)
-    while anchor < count - 1:
-        if gap[anchor]:
-            after = next((i for i in range(anchor + 1, count) if not gap[i]), count)
-            end = max(anchor + 1, after - 1)
-        else:
-            end = _farthest(times_s, columns, errors, anchor, gap)
-        indices.append(end)
-        anchor = end
-    return indices
-
-
-def _gaps(columns: Sequence[Values]) -> list[bool]:
-    """Where the value of a column is missing."""
-    return [None in values for values in zip(*columns, strict=True)]
-
-
-def _farthest(
-    times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float], anchor: int, gap: Sequence[bool]
-) -> int:
-    """The last sample in a row that a straight line from `anchor` reaches within the errors of those between."""
-    start_s = times_s[anchor]
-    known = [cast(Sequence[float], column) for column in columns]
-    lows, highs = [-math.inf] * len(known), [math.inf] * len(known)
-    for i in range(anchor + 1, len(times_s)):
-        after_s = times_s[i] - start_s
-        if gap[i] or after_s <= 0:
-            return max(anchor + 1, i - 1)
-        for k, (column, error) in enumerate(zip(known, errors, strict=True)):
-            rise = column[i] - column[anchor]
-            if not lows[k] <= rise / after_s <= highs[k]:
-                return i - 1
-            lows[k], highs[k] = max(lows[k], (rise - error) / after_s), min(highs[k], (rise + error) / after_s)
-    return len(times_s) - 1
-
-
-def thinned(times_s: Sequence[float], columns: Mapping[str, Values], errors: Mapping[str, float]) -> dict[str, Any]:
-    """Columns on fewer common times.
-
-    Returns
-    -------
-    dict
-        `t`, the columns by name, and `error`, the bound that holds for each; values are rounded within it. The given
-        errors are doubled until `MAX_SAMPLES` are enough.
-    """
-    wider, rows = 1.0, [*columns.values()]
-    while len(indices := kept_samples(times_s, rows, [0.9 * wider * errors[name] for name in columns])) > MAX_SAMPLES:
-        if wider > MAX_WIDER:  # the ends of very many gaps
-            break
-        wider *= 2
-    errors = {name: wider * errors[name] for name in columns}
-    series: dict[str, Any] = {"t": [round(times_s[i], 6) for i in indices]}
-    for name, values in columns.items():
-        digits = max(0, math.ceil(-math.log10(0.2 * errors[name])))
-        series[name] = [None if (value := values[i]) is None else round(value, digits) for i in indices]
-    return {**series, "error": errors}
+DIGITS = {"t": 6, "lat": 7, "lon": 7}
+"""Decimal places of series that have others than 4."""
 
 
 def changes(times_s: Sequence[float], values: Sequence[Any]) -> dict[str, Any]:
@@ -143,17 +44,16 @@ def evenly(count: int, limit: int) -> list[int]:
     return [*range((count - 1) % every, count, every)]
 
 
-def of_errors(times_s: Sequence[float], columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    """Columns over time thinned within `ERRORS`, by their names; those without an error there are powers."""
-    known = [value for values in columns.values() for value in values]
-    power_w = max((max(known) - min(known)) * POWER_SHARE, MIN_POWER_W) if known else MIN_POWER_W
-    return thinned(times_s, columns, {name: ERRORS.get(name, power_w) for name in columns})
+def sampled(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    """Some columns of `flight.csv` and their times `t`, at most `MAX_SAMPLES` rows evenly."""
+    kept = evenly(len(columns["t"]), MAX_SAMPLES)
+    return {name: [round(values[i], DIGITS.get(name, 4)) for i in kept] for name, values in columns.items()}
 
 
 LEVEL_M = 1.0
 """Range of altitudes above which they are drawn [m]."""
 
-MAX_DECISIONS, MAX_HORIZONS, MAX_ROUTES = 3000, 300, 40
+MAX_HORIZONS, MAX_ROUTES = 300, 40
 MAX_POINTS = 60_000
 """Most points of the plan's lines, but for two a leg."""
 
@@ -203,7 +103,7 @@ def write_page(flight: Flight, folder: Path) -> None:
 def flight_data(flight: FlownFlight) -> dict[str, Any]:
     """The data of a flight's page."""
     world, summary = flight.world, flight.summary
-    plan, columns, expected = world.plan, flight.columns, summary["energy_forecast"]
+    plan, columns, rows = world.plan, flight.columns, account(summary, flight.scenario, world.plan)
     times = columns["time_s"]
     parameters = [
         {
@@ -217,15 +117,11 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         for i, parameter in enumerate(plan.parameters)
     ]
     values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())
-    rows = zip(times, map(int, columns["stage"]), columns["x_m"], columns["y_m"], values, strict=False)
-    flown = PlanReplay(PlanCursor.start(plan, world.parameters, world.rules), world.start.position_m, rows)
+    logged = zip(times, map(int, columns["stage"]), columns["x_m"], columns["y_m"], values, strict=False)
+    flown = PlanReplay(PlanCursor.start(plan, world.parameters, world.rules), world.start.position_m, logged)
     return {
         "title": plan.name.rpartition("/")[2],
-        "words": [
-            *flight_words(summary, flight.decisions),
-            f"It flew with {setting_text(flight.scenario)}.",
-            *([f"The forecast counts {counted_text(flight.scenario, plan, expected)}."] if expected else []),
-        ],
+        "words": [text for label, text in rows if not label],
         "completed": summary["completed"],
         "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},
         "reserve": None if world.battery.prescribed else summary["soc_reserve"],
@@ -251,7 +147,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
             columns,
             plan.shown(dict(zip(plan.names, world.parameters, strict=True))),
         ),
-        "facts": flight_facts(summary),
+        "facts": [row for row in rows if row[0]],
     }
 
 
@@ -264,7 +160,7 @@ def _wind_rows(wind: Wind) -> list[list[float]]:
 
 
 def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    """Position, power, charge and altitude, thinned."""
+    """Position, power, charge and altitude, at fewer times."""
     times = columns["time_s"]
     path = {"x": columns["x_m"], "y": columns["y_m"], "heading": np.unwrap(columns["heading_rad"]).tolist()}
     if "lat_deg" in columns:
@@ -279,7 +175,7 @@ def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
         series["altitude"] = {"m": altitude}
     if AIRSPEEDS[0] in columns:
         series["airspeed"] = {"mps": columns[AIRSPEEDS[0]], "commanded_mps": columns[AIRSPEEDS[1]]}
-    return {name: of_errors(times, values) for name, values in series.items()}
+    return {name: sampled({"t": times, **values}) for name, values in series.items()}
 
 
 def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
@@ -322,11 +218,9 @@ def decisions_data(
         (before is not None and row["parameters"] != before) or str(row.get("reason", "")).startswith(TURNS_BACK)
         for row, before in zip(rows, [parameters, *(row["parameters"] for row in rows)], strict=False)
     ]
-    kept = _kept_decisions(rows, changed)
-    chosen = [rows[i] for i in kept]
-    data: dict[str, Any] = {"count": len(rows), "changed": [changed[i] for i in kept]}
+    data: dict[str, Any] = {"changed": changed}
     for name in rows[0] if rows else ():
-        values = [row[name] for row in chosen]
+        values = [row[name] for row in rows]
         if all(value is None for value in values):
             continue
         if name in ("time_s", "stage", "lap"):
@@ -335,7 +229,7 @@ def decisions_data(
             data[name] = _coded([_short(value) for value in values])
         else:
             data[name] = [significant(value) for value in values]
-    data["used_after_wh"] = _energy_after_wh(columns, [row["time_s"] for row in chosen])
+    data["used_after_wh"] = _energy_after_wh(columns, [row["time_s"] for row in rows])
     return data
 
 
@@ -356,24 +250,11 @@ def _coded(values: Sequence[Any]) -> dict[str, Any]:
     return {"of": [firsts[place] for place in range(len(known))], "at": places}
 
 
-def _kept_decisions(rows: Sequence[Row], changed: Sequence[bool]) -> list[int]:
-    """All re-plannings, or where they are many those with something to see, and others evenly among them."""
-    if len(rows) <= MAX_DECISIONS:
-        return [*range(len(rows))]
-    telling = [
-        i
-        for i, row in enumerate(rows)
-        if changed[i] or row.get("cause", TIME) != TIME or row.get("status") in (FALLBACK, INFEASIBLE)
-    ]
-    telling = [telling[i] for i in evenly(len(telling), MAX_DECISIONS * 2 // 3)] if telling else []
-    return sorted({*telling, *evenly(len(rows), MAX_DECISIONS - len(telling))})
-
-
 def _energy_after_wh(columns: Mapping[str, Sequence[Any]], times_s: Sequence[float]) -> list[float | None]:
     """Energy used from some times to the end [Wh], of the logged power."""
     logged_s = np.array(columns["time_s"])
-    power_w = np.array([math.nan if value is None else value for value in columns["power_w"]])
-    if len(logged_s) < 2 or np.isnan(power_w).any():
+    power_w = np.array(columns["power_w"])
+    if len(logged_s) < 2:
         return [None] * len(times_s)
     used_wh = np.concatenate([[0.0], np.cumsum(np.diff(logged_s) * (power_w[1:] + power_w[:-1]) / 7200)])
     return [significant(value) for value in (used_wh[-1] - np.interp(times_s, logged_s, used_wh)).tolist()]
@@ -423,32 +304,3 @@ def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
         points += leg_points(leg, max(step_m, 1.0))[:, :2].tolist()
     rounded = [(round(x, 1), round(y, 1)) for x, y in points]
     return [value for point, _ in itertools.groupby(rounded) for value in point]
-
-
-def flight_words(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Sentences on a flight: how it ended, its charge, what was forecast, and a return; `flight_facts` has the rest."""
-    verb = "completed" if summary["completed"] else "did not complete"
-    after = f"after {time_text(summary['duration_s'])} and {summary['distance_m'] / 1000:.2f} km"
-    soc, reserve = percent_text(summary["soc_final"]), percent_text(summary["soc_reserve"])
-    words = [
-        f"The flight {verb}: {summary['reason']} {after}.",
-        f"It used {summary['energy_wh']:.2f} Wh. The charge at the end was {soc}; the reserve of {reserve} was "
-        f"{reserve_text(summary)}.",
-    ]
-    if summary["battery_limit"]:
-        words.append(f"Of the battery's limits, {LIMITS[summary['battery_limit']]} bound.")
-    if (expected := summary["energy_forecast"]) is not None:
-        words.append(
-            f"The forecast before take-off was {expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh in "
-            f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
-            f"{percent_text(expected['completes_probability'])}."
-        )
-        if expected["turn_back_s"] is not None:
-            words.append(f"By it, home was within reach with the reserve until {expected['turn_back_s']:.0f} s.")
-        words += [f"By it, the flight {risk_text(*each.values())}." for each in expected["obstacles"]]
-    elif summary["never_past"]:
-        words.append(
-            f"There was no forecast before take-off: {summary['never_past']} has a turn that is never got past."
-        )
-    turns = [row for row in decisions if str(row["reason"]).startswith(TURNS_BACK)]
-    return [*words, *(f"At {row['time_s']:g} s it decided: {row['reason']}." for row in turns)]

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import clear_home_m, load_flight
-from eadp.api.profile import profile_of_scenario, read_profile
+from eadp.api.vehicle import profile_of_scenario, read_profile
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import compass_deg

@@ -17,7 +17,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
-from eadp.io.text.streams import HEAD, Location, SourceText, Text, refuse_wpml
+from eadp.io.text.streams import HEAD, Location, SourceText
 
 VERTICES_LIMIT = 20_000
 """Most vertices of a polygon, those of its holes among them."""
@@ -128,7 +128,6 @@ def read_features(source: SourceText, *, metres: bool) -> Features:
     if head[0] in "{[":
         found = _GeoJson(source, metres).read()
     else:
-        refuse_wpml(Text(source.name, source.body))
         found = read_kml(source, metres) if head[0] == "<" else read_table(source, metres)
     for each in found.features:
         if any(sum(map(len, rings)) > VERTICES_LIMIT for rings in (*each.polygons, each.lines)):

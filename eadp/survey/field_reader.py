@@ -20,7 +20,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.plan.writer import parameters_of
-from eadp.io.text.streams import Location, SourceText, Text, limit_bytes, read_text
+from eadp.io.text.streams import LIMIT_BYTES, Location, SourceText, Text, read_text
 from eadp.models.airspace import Airspace, Field, Obstacle
 from eadp.models.plan.plan import Plan
 from eadp.plug_ins import plug_ins
@@ -545,9 +545,9 @@ def read_field_text(path: str) -> Text:
             names = {os.path.splitext(name)[1].lower(): name for name in reversed(archive.namelist())}
             if ".kml" in names:
                 with archive.open(names[".kml"]) as document:
-                    data = document.read(limit_bytes() + 1)
-                if len(data) > limit_bytes():
-                    raise InputError.at(path, 1, 1, "its KML is too large", f"at most {limit_bytes()} bytes")
+                    data = document.read(LIMIT_BYTES + 1)
+                if len(data) > LIMIT_BYTES:
+                    raise InputError.at(path, 1, 1, "its KML is too large", f"at most {LIMIT_BYTES} bytes")
                 return Text(path, data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n"))
     except UnicodeDecodeError:
         raise InputError.at(path, 1, 1, "its KML is not UTF-8 text", "UTF-8 text") from None

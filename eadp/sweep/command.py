@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from typer import Argument
 
-from eadp.cli.output import Progress, alarm, emit, json_text, usage_fault, warn
+from eadp.cli.output import Progress, alarm, emit, usage_fault, warn
 from eadp.errors import printable
 from eadp.io.page import check_page, page_of
 from eadp.io.scenario import read_overrides
@@ -21,6 +21,7 @@ from eadp.io.text.csv import write_rows
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import output_file, read_text, write_text
+from eadp.sweep.engines import Result
 from eadp.sweep.page import write_page
 from eadp.sweep.results import (
     COLUMNS,
@@ -29,8 +30,7 @@ from eadp.sweep.results import (
     label_of,
     totals,
 )
-from eadp.sweep.run import missing_runs, other_code
-from eadp.sweep.runs import Result
+from eadp.sweep.run import missing_runs
 from eadp.sweep.sweep_file import Sweep, read_sweep
 
 PROGRESS_S = 60.0
@@ -49,9 +49,6 @@ class SweepOptions:
 
     scheduler: Annotated[str | None, Flag(metavar="ADDRESS")] = None
     """A Dask scheduler's workers, as in tcp://host:8786."""
-
-    retry: bool = False
-    """Try again the runs that could not be made."""
 
     set_: Annotated[Sequence[str], Flag(metavar="KEY=VALUE")] = ()
     """Set a scenario key in every run, as in time_limit_s=60."""
@@ -76,7 +73,7 @@ class SweepOutputs:
     strict_solver: bool = False
     """Exit 1 also where a run of the solver fails."""
 
-    format: Literal["text", "csv", "jsonl"] = "text"
+    format: Literal["text", "csv"] = "text"
     """How to print."""
 
 
@@ -89,7 +86,8 @@ def command(
 
     Fly a plan many times: a grid, zipped values, a random sample, several seeds, or a product of these.
 
-    With -o results are stored in a SQLite file one by one. After a stop, the same command makes the missing runs.
+    With -o results are stored in a SQLite file one by one. After a stop, the same command makes the missing runs, and
+    those that could not be made again.
     Beside it is a page with heat map and curves, under its name with .html.
 
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made, or are not what
@@ -109,12 +107,8 @@ def command(
         return 0
     with contextlib.closing(Results(out)) as results:
         results.expect(keys)
-        if results.missing():
-            warn(other_code(str(out), results))
-        if options.retry:
-            results.forget_failures()
         _make(sweep, results, options)
-        if out is not None and not results.read_only:
+        if out is not None:
             write_page(out, options.keep)
         flights = sweep.flights(results.rows())
         whole = totals(flights)
@@ -123,8 +117,6 @@ def command(
             sys.stderr.write(f"sweep: warning: {few}: seeds change nothing where wind and sensors have no noise\n")
         if output.junit is not None:
             write_text(output.junit, junit_of(sweep, flights, require or "completed"))
-        if output.format == "jsonl":
-            print_summaries(sweep, results)
     if output.format == "csv":
         print_csv(sweep, flights)
     elif output.format == "text":
@@ -244,9 +236,6 @@ def print_runs(sweep: Sweep, format_: str, made: int | None) -> None:
     names = _varied(sweep)
     if format_ == "csv":
         _write_csv((*names, "seed"), (_cells(sweep, names, index) for index in indices))
-    elif format_ == "jsonl":
-        for index in indices:
-            _print_line(_head(sweep, index))
     else:
         emit(_runs_text(sweep, names, made))
 
@@ -270,11 +259,6 @@ def _varied(sweep: Sweep) -> list[str]:
 def _cells(sweep: Sweep, names: Sequence[str], index: int) -> list[str]:
     point = sweep.design.point(index)
     return [*(label_of(point.values[name]) for name in names), str(sweep.seed(point))]
-
-
-def _head(sweep: Sweep, index: int) -> dict[str, Any]:
-    point = sweep.design.point(index)
-    return {"run": index, "varied": dict(point.values), "seed": sweep.seed(point)}
 
 
 # --- a row for each run
@@ -320,16 +304,6 @@ def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> 
 def meets(flight: SweepFlight, require: str) -> bool:
     """Whether a run is what is required: that it completes, and with `reserve` that it keeps the reserve."""
     return bool(flight.completed and (require != "reserve" or flight.reserve_kept))
-
-
-def print_summaries(sweep: Sweep, results: Results) -> None:
-    """Print a JSON object a line for each run, with its whole summary."""
-    for index, row in enumerate(results.rows(summaries=True)):
-        _print_line({**_head(sweep, index), "error": row["error"], "summary": row["summary"]})
-
-
-def _print_line(document: dict[str, Any]) -> None:
-    emit(json_text(document))
 
 
 # --- summaries

@@ -11,20 +11,37 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from eadp.errors import EadpError, InputError, printable
 from eadp.plug_ins import code_identity
-from eadp.sweep.runs import Result, Run
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
+
+
+@dataclass(frozen=True)
+class Run:
+    """One flight to make: a hash of all that it depends on, files by kind, and overrides of the scenario's keys."""
+
+    key: str
+    files: Mapping[str, str]
+    overrides: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Result:
+    """The summary of a run, or the error that prevented it, and the time it took [s]."""
+
+    summary: Mapping[str, Any] | None
+    error: str | None = None
+    took_s: float = 0.0
 
 
 Make = Callable[[Run], Result]
@@ -46,6 +63,31 @@ class EngineOptions:
     runs: int
     jobs: int | None = None
     scheduler: str | None = None
+
+
+class Engine(Protocol):
+    """Makes runs somewhere."""
+
+    @property
+    def workers(self) -> int:
+        """The number of runs made at a time."""
+
+    @property
+    def room(self) -> int:
+        """The number of runs that it takes now."""
+
+    @property
+    def busy(self) -> int:
+        """The number of runs taken and not given back."""
+
+    def submit(self, run: Run) -> None:
+        """Take a run."""
+
+    def finished(self) -> list[tuple[Run, Result | None]]:
+        """Wait for results, maybe in vain; None for a run whose process died twice."""
+
+    def close(self) -> None:
+        """End the work at once."""
 
 
 class QueueEngine:
@@ -154,6 +196,46 @@ def make_task(make: Make, runs: list[Run]) -> Done:
 def first_line(error: BaseException) -> str:
     """The first line of an error."""
     return printable((str(error) or type(error).__name__).splitlines()[0], 300)
+
+
+# --- this process
+
+
+class SerialEngine:
+    """Runs made in this process, one at a time."""
+
+    workers = 1
+
+    def __init__(self, make: Make) -> None:
+        self._make = make
+        self._runs: deque[Run] = deque()
+
+    @classmethod
+    def chosen(cls, make: Make, options: EngineOptions) -> SerialEngine:
+        """The engine; any options will do."""
+        return cls(make)
+
+    @property
+    def room(self) -> int:
+        """The number of runs that it takes now."""
+        return 1 - len(self._runs)
+
+    @property
+    def busy(self) -> int:
+        """The number of runs taken and not given back."""
+        return len(self._runs)
+
+    def submit(self, run: Run) -> None:
+        """Take a run."""
+        self._runs.append(run)
+
+    def finished(self) -> list[tuple[Run, Result | None]]:
+        """Make the run."""
+        run = self._runs.popleft()
+        return [(run, self._make(run))]
+
+    def close(self) -> None:
+        """Nothing is left to close."""
 
 
 # --- a pool of processes on this machine
@@ -369,3 +451,16 @@ class DaskEngine(QueueEngine):
         except (OSError, CancelledError) as error:
             what = f"the scheduler at {self._address} is gone: {first_line(error)}"
             raise EadpError(f"{what}; the results so far are kept") from None
+
+
+ENGINES: dict[str, Callable[[Make, EngineOptions], Engine | None]] = {
+    "dask": DaskEngine.chosen,
+    "pool": PoolEngine.chosen,
+    "serial": SerialEngine.chosen,
+}
+"""Engines by name, in the order in which they are asked; each is None where the options are not for it."""
+
+
+def open_engine(make: Make, options: EngineOptions) -> Engine:
+    """The first engine that the options are for."""
+    return next(engine for choose in ENGINES.values() if (engine := choose(make, options)) is not None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -34,35 +33,6 @@ LABEL = 100
 FIGURES = ("duration_s", "soc_final", "quality")
 
 
-class _Census:
-    """Counts over all runs, the values of each key, and the first runs; their order is random."""
-
-    def __init__(self) -> None:
-        self.count = self.failed = self.completed = 0
-        self.reasons: Counter[str] = Counter()
-        self.errors: Counter[str] = Counter()
-        self.first: dict[str, Any] = {}
-        self.varied: dict[str, None] = {}
-        self.kept: list[tuple[str, dict[str, Any], Mapping[str, Any]]] = []
-
-    def add(self, row: Mapping[str, Any]) -> None:
-        values = {**row["files"], **row["overrides"], "seed": row["seed"]}
-        self.count += 1
-        if row["error"] is None:
-            self.completed += bool(row["completed"])
-            self.reasons[row["reason"][:LABEL]] += 1
-        else:
-            self.failed += 1
-            self.errors[row["error"][:LABEL]] += 1
-        if self.count == 1:
-            self.first = values
-        for name in self.first.keys() | values.keys():
-            if self.first.get(name) != values.get(name):
-                self.varied[name] = None
-        if len(self.kept) < MAX_RUNS:
-            self.kept.append((row["key"], values, row))
-
-
 def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]:
     """The data of the page of a results file.
 
@@ -80,28 +50,31 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
     InputError
         If it is no results file, or is damaged.
     """
-    census = _Census()
     with closing(Results(path, read_only=True)) as results:
-        for row in results.everything():
-            census.add(row)
-        others = len(results) - census.count
-    names = sorted(census.varied, key=lambda name: (name == "seed", name))
-    count = len(census.kept)
-    while len(json.dumps(runs := _runs(census.kept[:count], names, keep))) > MAX_BYTES:
-        count //= 2
+        completed, reasons, errors = map(results.counts, ("completed", "reason", "error"))
+        kept = [
+            (row["key"], {**row["files"], **row["overrides"], "seed": row["seed"]}, row)
+            for row in results.everything(MAX_RUNS)
+        ]
+    first = kept[0][1] if kept else {}
+    varied = {name for _, values, _ in kept for name in {**first, **values} if first.get(name) != values.get(name)}
+    names = sorted(varied, key=lambda name: (name == "seed", name))
+    while len(json.dumps(runs := _runs(kept, names, keep))) > MAX_BYTES:
+        kept = kept[: len(kept) // 2]
     flights = [
         SweepFlight(index=i, values={name: values.get(name) for name in names}, seed=values["seed"], **_figures(row))
-        for i, (_, values, row) in enumerate(census.kept[:count])
+        for i, (_, values, row) in enumerate(kept)
     ]
+    failed, count = sum(errors.values()), sum(errors.values()) + sum(reasons.values())
     own = {flight.index for flight in distinct(flights)}
     runs["distinct"] = [int(flight.index in own) for flight in flights]
-    words = sweep_words(census.count, census.completed, census.reasons, census.errors, flights)
+    words = sweep_words(count, completed.get(1, 0), reasons, errors, flights)
     return {
         "title": Path(path).name,
-        "words": [*words, *([f"{others} runs of other code are left out."] if others else [])],
+        "words": words,
         "completed": None,
-        "count": census.count,
-        "failed": census.failed,
+        "count": count,
+        "failed": failed,
         "keys": names,
         "folder": None if keep is None else Path(os.path.relpath(keep, page.parent)).as_posix(),
         "runs": runs,
@@ -191,4 +164,4 @@ def _counts(found: Mapping[str, int]) -> str:
     """The most frequent texts with their counts."""
     first = sorted(found.items(), key=lambda item: -item[1])
     more = [f"{len(first) - SHOWN} other texts"] if len(first) > SHOWN else []
-    return "; ".join([f"{printable(text)} ({number})" for text, number in first[:SHOWN]] + more)
+    return "; ".join([f"{printable(text, LABEL)} ({number})" for text, number in first[:SHOWN]] + more)

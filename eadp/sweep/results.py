@@ -20,7 +20,7 @@ from urllib.parse import quote
 from eadp.errors import InputError, printable
 from eadp.io.text.streams import output_file
 from eadp.plug_ins import code_identity
-from eadp.sweep.runs import Result, Run
+from eadp.sweep.engines import Result, Run
 
 Z_95 = 1.959963984540054
 """The normal distribution's quantile of 0.975."""
@@ -146,24 +146,15 @@ CREATE TABLE runs (
 _ROW = ("key", "code", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
 """Columns of a row."""
 
-_SHOWN_CODE = (
-    "coalesce((SELECT code FROM runs WHERE code = ?1 LIMIT 1), (SELECT code FROM runs ORDER BY rowid DESC LIMIT 1))"
-)
-"""The code whose runs are shown: this one, or where no run is of it that of the run stored last."""
-
 
 class Results:
-    """An open results file; without a path a temporary one.
-
-    With `read_only` nothing is written; nor is it to a file where nothing can be, whose runs are read.
-    """
+    """An open results file; without a path a temporary one. With `read_only` nothing is written."""
 
     def __init__(self, path: str | None, *, read_only: bool = False) -> None:
         self._path = "the temporary results"
         if path is not None:  # whole, as SQLite has names of its own for what is no file
             path = self._path = str(output_file(path))
         new = path is not None and not os.path.exists(path)
-        self.read_only = read_only = read_only or (path is not None and _is_still(path))
         self._connection = _connect(path, self._path, read_only)
         try:
             with self._sqlite_errors():
@@ -187,7 +178,7 @@ class Results:
     # --- opening and closing
 
     def _prepare(self, *, shared: bool) -> None:
-        """Create the tables of an empty file; refuse another application's file."""
+        """Create the tables of an empty file; refuse another application's file, and runs of other code."""
         query = self._connection.execute
         _check_ours(self._connection, self._path)
         if shared:
@@ -195,6 +186,10 @@ class Results:
             query("PRAGMA synchronous = NORMAL")
         with self._transaction():
             if _check_ours(self._connection, self._path):
+                other = query("SELECT code FROM runs WHERE code != ? LIMIT 1", (code_identity(),)).fetchone()
+                if other is not None:
+                    what = f"has runs of other code, {printable(other[0], 500)}; this is {code_identity()}"
+                    raise InputError.at(self._path, 1, 1, what, "a new file")
                 return
             for statement in _TABLES.split(";")[:-1]:
                 query(statement)
@@ -216,44 +211,34 @@ class Results:
             self._connection.executemany("INSERT INTO wanted VALUES (?, ?)", enumerate(keys))
 
     def missing(self) -> list[int]:
-        """Positions of the expected runs that are not made; of several with one key, the first."""
-        query = "SELECT min(place) FROM wanted WHERE key NOT IN (SELECT key FROM runs) GROUP BY key ORDER BY 1"
+        """Positions of the expected runs that are not made, or could not be; of several with one key, the first."""
+        made = "SELECT key FROM runs WHERE error IS NULL"
+        query = f"SELECT min(place) FROM wanted WHERE key NOT IN ({made}) GROUP BY key ORDER BY 1"
         with self._sqlite_errors():
             return [place for (place,) in self._connection.execute(query)]
 
-    def rows(self, *, summaries: bool = False) -> Iterator[dict[str, Any]]:
-        """Figures and error of each expected run, in order; with `summaries`, the summary instead of the figures."""
-        names = ("summary", "error") if summaries else (*COLUMNS, "error", "took_s")
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Figures, error and time of each expected run, in order."""
+        names = (*COLUMNS, "error", "took_s")
         with self._sqlite_errors():
             for stored in self._connection.execute("SELECT runs.* FROM wanted JOIN runs USING (key) ORDER BY place"):
                 row = dict(zip(_ROW, stored, strict=True))
                 if row["completed"] is not None:
                     row |= {name: bool(row[name]) for name in ("completed", "reserve_kept")}
-                    row["summary"] = json.loads(row["summary"])
                 yield {name: row[name] for name in names}
 
-    def everything(self) -> Iterator[dict[str, Any]]:
-        """Every run of this code, or else of that stored last: key, files, overrides, seed, figures and error.
-
-        They are in the order of keys, which is random.
-        """
+    def counts(self, column: str) -> dict[Any, int]:
+        """How many of all runs have each value of a column that they have."""
+        query = f"SELECT {column}, count(*) FROM runs WHERE {column} IS NOT NULL GROUP BY 1"
         with self._sqlite_errors():
-            query = f"SELECT * FROM runs WHERE code = {_SHOWN_CODE} ORDER BY key"
-            for stored in self._connection.execute(query, (code_identity(),)):
+            return dict(self._connection.execute(query))
+
+    def everything(self, most: int) -> Iterator[dict[str, Any]]:
+        """All runs up to a number: key, files, overrides, seed, figures and error; in the random order of keys."""
+        with self._sqlite_errors():
+            for stored in self._connection.execute("SELECT * FROM runs ORDER BY key LIMIT ?", (most,)):
                 row = dict(zip(_ROW, stored, strict=True))
                 yield {**row, "files": json.loads(row["files"]), "overrides": json.loads(row["overrides"])}
-
-    def other_code(self) -> tuple[int, str]:
-        """The number of runs of other code than this, and that of the last of them."""
-        query = "SELECT count(*), max(rowid), code FROM runs WHERE code != ?"
-        with self._sqlite_errors():
-            count, _, code = self._connection.execute(query, (code_identity(),)).fetchone()
-        return count, code or ""
-
-    def __len__(self) -> int:
-        """The number of all runs, of any code."""
-        with self._sqlite_errors():
-            return int(self._connection.execute("SELECT count(*) FROM runs").fetchone()[0])
 
     # --- results that come
 
@@ -263,15 +248,17 @@ class Results:
         with self._sqlite_errors():
             for i in range(0, len(runs), KEYS_PER_QUERY):
                 some = [run.key for run in runs[i : i + KEYS_PER_QUERY]]
-                query = f"SELECT key FROM runs WHERE key IN ({', '.join('?' * len(some))})"
+                query = f"SELECT key FROM runs WHERE error IS NULL AND key IN ({', '.join('?' * len(some))})"
                 made.update(key for (key,) in self._connection.execute(query, some))
         return [run for run in runs if run.key not in made]
 
     def store(self, results: Sequence[tuple[Run, Result]]) -> None:
-        """Store results; the first of each run stays."""
+        """Store results; the first of each run stays, in place of an error."""
         with self._sqlite_errors(), self._transaction():
             rows = [self._row(run, result) for run, result in results]
             marks = ", ".join("?" * len(_ROW))
+            failed = "DELETE FROM runs WHERE key = ? AND error IS NOT NULL"
+            self._connection.executemany(failed, [row[:1] for row in rows])
             self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
 
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
@@ -284,14 +271,6 @@ class Results:
         files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]
         return (run.key, code_identity(), files, overrides, seed, *figures, result.error, text, result.took_s)
-
-    # --- failures
-
-    def forget_failures(self) -> None:
-        """Delete the expected runs that could not be made, so that they are tried again."""
-        with self._sqlite_errors(), self._transaction():
-            query = "DELETE FROM runs WHERE error IS NOT NULL AND key IN (SELECT key FROM wanted)"
-            self._connection.execute(query)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -322,8 +301,7 @@ class Results:
 def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection:
     try:
         if read_only:
-            uri = f"file:{quote(str(path))}?mode=ro{'&immutable=1' if _is_still(str(path)) else ''}"
-            return sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)
+            return sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
         if path is not None:
             os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
         return sqlite3.connect(path or "", timeout=BUSY_S, isolation_level=None)
@@ -331,12 +309,6 @@ def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection
         raise InputError.at(name, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
     except sqlite3.Error as error:
         raise _fault(name, error) from None
-
-
-def _is_still(path: str) -> bool:
-    """Whether a file is where nothing can be written: SQLite cannot lock it there, and need not."""
-    folder = os.path.dirname(path) or "."
-    return os.path.exists(path) and not os.access(folder, os.W_OK) and not os.path.exists(f"{path}-wal")
 
 
 def _damaged(path: str) -> InputError:

@@ -8,8 +8,7 @@ import json
 import math
 import random
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -21,74 +20,12 @@ from eadp.api.inputs import Files, FlightInputs
 from eadp.core.compiled import enable, enabled
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario import override_texts, read_overrides
-from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
-from eadp.plug_ins import blame, code_identity
+from eadp.plug_ins import blame
 from eadp.simulation.loop import Outcome, fly
-from eadp.sweep.engines import DaskEngine, EngineOptions, Make, PoolEngine
-from eadp.sweep.results import COLUMNS, Results, SweepFlight, totals
-from eadp.sweep.runs import Engine, Result, Run
+from eadp.sweep.engines import Engine, EngineOptions, Result, Run, open_engine
+from eadp.sweep.results import Results, SweepFlight
 from eadp.sweep.sweep_file import Sweep, load_run, read_sweep
-
-
-class SerialEngine:
-    """Runs made in this process, one at a time."""
-
-    workers = 1
-
-    def __init__(self, make: Make) -> None:
-        self._make = make
-        self._runs: deque[Run] = deque()
-
-    @classmethod
-    def chosen(cls, make: Make, options: EngineOptions) -> SerialEngine:
-        """The engine; any options will do."""
-        return cls(make)
-
-    @property
-    def room(self) -> int:
-        """The number of runs that it takes now."""
-        return 1 - len(self._runs)
-
-    @property
-    def busy(self) -> int:
-        """The number of runs taken and not given back."""
-        return len(self._runs)
-
-    def submit(self, run: Run) -> None:
-        """Take a run."""
-        self._runs.append(run)
-
-    def finished(self) -> list[tuple[Run, Result | None]]:
-        """Make the run."""
-        run = self._runs.popleft()
-        return [(run, self._make(run))]
-
-    def close(self) -> None:
-        """Nothing is left to close."""
-
-
-ENGINES: dict[str, Callable[[Make, EngineOptions], Engine | None]] = {
-    "dask": DaskEngine.chosen,
-    "pool": PoolEngine.chosen,
-    "serial": SerialEngine.chosen,
-}
-"""Engines by name, in the order in which they are asked; each is None where the options are not for it."""
-
-
-def open_engine(make: Make, options: EngineOptions) -> Engine:
-    """The first engine that the options are for."""
-    return next(engine for choose in ENGINES.values() if (engine := choose(make, options)) is not None)
-
-
-def other_code(path: str, results: Results) -> list[Fault]:
-    """A warning of a file's runs that other code has made: they are kept, and stand for no run of this one."""
-    count, code = results.other_code()
-    if not count:
-        return []
-    what = f"{count} runs are of other code, {printable(code, 500)}; this is {code_identity()}"
-    return [Fault(path, 1, 1, f"{what}: they stay in the file, and are made again", severity="warning")]
-
 
 DIED = "the process that made it died, alone and twice (out of memory?)"
 COLLECTED_AFTER = 100_000
@@ -202,28 +139,6 @@ def _fault(fault: Fault) -> str:
     return head.partition(": error: ")[2] if fault.file.startswith("--set") else head
 
 
-class SweepFlights(list[SweepFlight]):
-    """The flights of a sweep, in the order of its runs."""
-
-    def table(self) -> AnyTable:
-        """A row for each run: the varied keys, the figures of its flight, seed and error; see `frames.frame`."""
-        keys = list(dict.fromkeys(key for flight in self for key in flight.values))
-        columns = {key: [flight.values.get(key) for flight in self] for key in keys}
-        return frame(
-            columns | {name: [getattr(flight, name) for flight in self] for name in (*COLUMNS, "seed", "error")}
-        )
-
-    def __repr__(self) -> str:
-        """Counts, not the flights."""
-        whole = totals(self)
-        return f"<{whole.runs} flights: {whole.completed} completed, {whole.failed} not made>"
-
-    def _repr_html_(self) -> str:
-        whole = totals(self)
-        rows = [("runs", str(whole.runs)), ("completed", str(whole.completed)), ("not made", str(whole.failed))]
-        return html_table(rows)
-
-
 def sweep(
     file: File | Mapping[str, Any],
     jobs: int | None = 1,
@@ -232,7 +147,7 @@ def sweep(
     out: File | None = None,
     scheduler: str | None = None,
     warn: Warn = python_warnings,
-) -> SweepFlights:
+) -> list[SweepFlight]:
     """Fly a plan many times: a grid, zipped values, a random sample, several seeds, or a product of these.
 
     Parameters
@@ -253,8 +168,7 @@ def sweep(
     Returns
     -------
     list of SweepFlight
-        A row for each run, in order: the varied keys' values and the figures of its flight, or its error. Its method
-        `table` makes a table of it, of pandas, polars or Arrow.
+        A row for each run, in order: the varied keys' values and the figures of its flight, or its error.
 
     Raises
     ------
@@ -268,11 +182,9 @@ def sweep(
     try:
         with closing(Results(None if out is None else str(out))) as results:
             results.expect(checked.keys())
-            if results.missing():
-                warn(other_code(str(out), results))
             with missing_runs(checked, results, jobs, scheduler) as (_, _, made):
                 for _ in made:
                     pass
-            return SweepFlights(checked.flights(results.rows()))
+            return checked.flights(results.rows())
     finally:
         enable(compiled)

@@ -150,14 +150,14 @@ NASTY = "<script>window.struck = 1</script><img src=x onerror='window.struck = 2
 def test_data_are_shown_as_text_and_never_run(browser, folder, tmp_path):
     browser.faults.clear()
     data = Page((folder / "report.html").read_text(encoding="utf-8")).data
-    data["title"] = data["words"][1] = data["facts"][0][1] = data["parameters"][1]["name"] = NASTY
+    data["title"] = data["words"][0] = data["facts"][0][1] = data["parameters"][1]["name"] = NASTY
     data["decisions"]["reason"]["of"] = [NASTY] * len(data["decisions"]["reason"]["of"])
     target = tmp_path / "nasty.html"
     target.write_text(page_html("flight", {k: v for k, v in data.items() if k not in ("schema", "kind", "version")}))
     browser.open(target)
     assert browser.run("document.title") == NASTY
     assert browser.run("$('title').textContent") == NASTY
-    assert browser.run("document.querySelectorAll('#words p')[1].textContent") == NASTY
+    assert browser.run("document.querySelectorAll('#words p')[0].textContent") == NASTY
     assert NASTY in browser.run("$('decision-now').textContent")
     assert NASTY in browser.run("$('charts').textContent")
     assert browser.run("typeof window.struck") == "undefined"

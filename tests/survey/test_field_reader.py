@@ -902,9 +902,3 @@ def test_a_far_obstacle_that_crosses_itself_costs_itself_alone():
     assert "crosses itself, far away" in notes[0].message
     with pytest.raises(InputError, match="crosses itself"):
         read_airspace(near, None, (47.0, 8.0), (0.0, 0.0))
-
-
-def test_a_mission_of_dji_is_no_field():
-    body = '<kml xmlns:wpml="http://www.dji.com/wpmz/1.0.2"><Placemark><Point/></Placemark></kml>'
-    with pytest.raises(InputError, match="is a mission of DJI"):
-        read_field(Text("t.kml", body))

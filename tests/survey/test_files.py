@@ -44,7 +44,7 @@ def test_what_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="UTF-8"):
         read_field_text(str(path))
     # a few kilobytes that unpack to more than the limit
-    monkeypatch.setenv("EADP_LIMIT_BYTES", "100000")
+    monkeypatch.setattr("eadp.survey.field_reader.LIMIT_BYTES", 100_000)
     with pytest.raises(InputError, match="its KML is too large; expected at most 100000 bytes"):
         read_field_text(archive(path, doc_kml=" " * 5_000_000))
     with pytest.raises(InputError, match="cannot be read"):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from eadp.sweep.engines import Result, Run
 from eadp.sweep.run import DIED, make_runs
-from eadp.sweep.runs import Design, Law, Result, Run, SampleDesign
+from eadp.sweep.sweep_file import Design, Law, SampleDesign
 
 LAWS = {"u": Law(uniform=(2.0, 4.0)), "n": Law(normal=(10.0, 3.0)), "c": Law(choice=("a", "b", "c"))}
 

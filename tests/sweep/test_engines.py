@@ -14,8 +14,7 @@ from collections import Counter
 import pytest
 
 from eadp.errors import EadpError, InputError
-from eadp.sweep.engines import QUEUED, TASK_S, DaskEngine, EngineOptions, PoolEngine
-from eadp.sweep.run import ENGINES, SerialEngine, open_engine
+from eadp.sweep.engines import ENGINES, QUEUED, TASK_S, DaskEngine, EngineOptions, PoolEngine, SerialEngine, open_engine
 
 DEATH = functools.partial(os._exit, 3)
 

@@ -10,8 +10,8 @@ from common.answers import refused
 from common.pages import Page
 
 from eadp.sweep import page as sweep_page
+from eadp.sweep.engines import Result, Run
 from eadp.sweep.results import Results, wilson_interval
-from eadp.sweep.runs import Result, Run
 
 LINE = "0.1; 90; x\n0, 400\n"
 SWEEP = """schema: eadp.sweep/1
@@ -44,7 +44,7 @@ def page(swept):
 
 def rows_of(path):
     with closing(Results(str(path), read_only=True)) as results:
-        return list(results.everything())
+        return list(results.everything(1000))
 
 
 def test_the_page_has_every_run(swept, page):

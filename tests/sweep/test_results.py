@@ -11,8 +11,8 @@ import pytest
 
 from eadp.errors import InputError
 from eadp.sweep import results as results_file
+from eadp.sweep.engines import Result, Run
 from eadp.sweep.results import COLUMNS, Results
-from eadp.sweep.runs import Result, Run
 
 RUNS = [Run(f"key{i}", {"plan": "p"}, {"seed": i, "wind.speed_mps": 1}) for i in range(6)]
 SUMMARY = {"completed": True, "reason": "r", "duration_s": 2.5, "soc_final": 0.25, "quality": None, "more": [1]}
@@ -35,32 +35,24 @@ def test_results_are_kept_in_order_of_what_is_expected(path):
     with closing(expecting(Results(path))) as results:
         assert results.missing() == [0, 1, 2, 3, 4, 5]
         results.store([(RUNS[4], Result(SUMMARY)), (RUNS[1], Result(None, "cannot", 0.1))])
-        assert results.missing() == [0, 2, 3, 5]
+        assert results.missing() == [0, 1, 2, 3, 5], "what could not be made is made again"
     with closing(expecting(Results(path))) as results:
         first, second = results.rows()
         assert first == {**dict.fromkeys(COLUMNS), "error": "cannot", "took_s": 0.1}
         figures = {key: SUMMARY[key] for key in SUMMARY if key not in ("more", "solver")}
         assert second == figures | SOLVER | {"error": None, "took_s": 0.0}
-        assert [row["error"] for row in results.rows(summaries=True)] == ["cannot", None]
-        results.forget_failures()
-        assert results.missing() == [0, 1, 2, 3, 5]
+        results.store([(RUNS[1], Result(SUMMARY)), (RUNS[4], Result(None, "cannot"))])
+        assert [row["error"] for row in results.rows()] == [None, None]
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        "summary = '{'",
-        "reason = CAST(x'ff' AS TEXT)",
-    ],
-)
-def test_a_damaged_result_is_refused(path, damage):
+def test_a_damaged_result_is_refused(path):
     with closing(expecting(Results(path))) as results:
         results.store([(RUNS[0], Result(SUMMARY))])
     with closing(sqlite3.connect(path)) as connection:
-        connection.execute(f"UPDATE runs SET {damage}")
+        connection.execute("UPDATE runs SET reason = CAST(x'ff' AS TEXT)")
         connection.commit()
     with closing(expecting(Results(path))) as results, pytest.raises(InputError, match=r"damaged|cannot be used"):
-        [*results.rows(), *results.rows(summaries=True)]
+        [*results.rows()]
 
 
 def test_a_file_that_could_not_be_started_is_removed(path, monkeypatch):
@@ -82,20 +74,13 @@ def test_a_damaged_index_is_refused(path):
             Results(path, read_only=read_only)
 
 
-def test_a_result_that_is_there_stays(path):
-    with closing(expecting(Results(path))) as results:
-        results.store([(RUNS[0], Result(None, "first"))])
-        results.store([(RUNS[0], Result(None, "second"))])
-        assert [row["error"] for row in results.rows()] == ["first"]
-
-
 def test_what_another_process_has_stored_is_not_made_again(path):
     with closing(Results(path)) as results, closing(Results(path)) as other:
         assert results.unmade(RUNS) == RUNS
-        other.store([(RUNS[2], Result(None, "theirs"))])
+        other.store([(RUNS[2], Result(SUMMARY, None, 9.0))])
         assert results.unmade(RUNS) == [*RUNS[:2], *RUNS[3:]]
         results.store([(run, Result(SUMMARY)) for run in RUNS])
-        assert [row["error"] for row in expecting(results).rows()] == [None, None, "theirs", None, None, None]
+        assert [row["took_s"] for row in expecting(results).rows()] == [0, 0, 9, 0, 0, 0]
     assert os.listdir(os.path.dirname(path)) == ["results.db"]
 
 
@@ -135,25 +120,11 @@ def test_names_that_mean_something_to_sqlite_are_names_of_files(tmp_path, monkey
         assert (tmp_path / name).is_file()
 
 
-def test_runs_of_other_code_are_kept_and_left_out(path, monkeypatch):
-    ours = results_file.code_identity()
-    with closing(expecting(Results(path))) as results:
-        monkeypatch.setattr(results_file, "code_identity", lambda: "old")
-        results.store([(RUNS[0], Result(SUMMARY)), (RUNS[1], Result(SUMMARY))])
-        monkeypatch.setattr(results_file, "code_identity", lambda: ours)
-        # before this code has made any, the last stored are shown
-        assert [row["key"] for row in results.everything()] == ["key0", "key1"]
-        assert results.other_code() == (2, "old")
-        results.store([(RUNS[2], Result(SUMMARY))])
-        assert [row["key"] for row in results.everything()] == ["key2"]
-        assert len(results) == 3
-
-
-def test_results_where_nothing_can_be_written_are_read(path, monkeypatch):
+def test_a_file_with_runs_of_other_code_is_not_continued(path, monkeypatch):
     with closing(Results(path)) as results:
         results.store([(RUNS[0], Result(SUMMARY))])
-    monkeypatch.setattr(os, "access", lambda *_: False)  # as of a file system that is mounted so
-    with closing(expecting(Results(path), RUNS[:1])) as results:
-        assert results.read_only
-        assert [row["soc_final"] for row in results.rows()] == [0.25]
-    assert not list(Path(path).parent.glob("*-shm"))
+    monkeypatch.setattr(results_file, "code_identity", lambda: "eadp 99")
+    with pytest.raises(InputError, match=r"has runs of other code, eadp 0.*; this is eadp 99; expected a new file"):
+        Results(path)
+    with closing(Results(path, read_only=True)) as results:
+        assert [row["key"] for row in results.everything(1000)] == ["key0"]

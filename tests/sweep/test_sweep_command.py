@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib
 import io
 import itertools
 import json
@@ -140,21 +139,6 @@ def test_a_row_for_each_run(eadp, folder):
             assert 0.9 < float(row["soc_final"]) < 1
 
 
-def test_the_whole_summary(eadp, folder):
-    answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--format", "jsonl")
-    assert answer.code == 1
-    documents = [json.loads(line) for line in answer.out.splitlines()]
-    assert [document["run"] for document in documents] == list(range(24))
-    first, _, third, *_ = documents
-    assert first["varied"] == {"wind.speed_mps": 0, "wind.towards_deg": 90, "c1": 0, "battery.soc": 1}
-    assert (first["seed"], first["error"]) == (0, None)
-    assert first["summary"]["schema"] == "eadp.flight/1"
-    assert "c1" in first["summary"]["parameters"]
-    assert not {"median_ms", "max_ms"} & set(first["summary"]["solver"]), "nothing that depends on the machine"
-    assert third["summary"] is None
-    assert "outside" in third["error"]
-
-
 def test_a_run_is_the_flight_of_simulate(eadp, folder):
     made = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--format", "csv")
     assert "sweep: warning: 12 flights are 6 distinct ones: seeds change nothing" in made.err
@@ -229,9 +213,6 @@ def test_a_dry_run_prints_runs_and_makes_none(eadp, folder):
     rows = table_of(eadp(*common, "--format", "csv").out)
     assert len(rows) == 24
     assert rows[-1] == {"wind.speed_mps": "4", "wind.towards_deg": "270", "c1": "11", "battery.soc": "0.5", "seed": "1"}
-    line = eadp(*common, "--format", "jsonl").out.splitlines()[2]
-    varied = {"wind.speed_mps": 0, "wind.towards_deg": 90, "c1": 11, "battery.soc": 0.5}
-    assert json.loads(line) == {"run": 2, "varied": varied, "seed": 0}
     assert not results.exists()
     eadp("sweep", folder / "part.yaml", "--jobs", 1, "-o", results)
     before = results.read_bytes()
@@ -255,7 +236,7 @@ def test_the_shipped_sweep(eadp):
 
 @pytest.mark.slow
 def test_engines_agree(eadp, folder):
-    common = ("sweep", folder / "sweep.yaml", "--set", "wind.gust_std_mps=1", "--format", "jsonl")
+    common = ("sweep", folder / "sweep.yaml", "--set", "wind.gust_std_mps=1", "--format", "csv")
     alone = eadp(*common, "--jobs", 1).out
     assert eadp(*common, "--jobs", 2).out == alone
 
@@ -263,7 +244,7 @@ def test_engines_agree(eadp, folder):
 @pytest.mark.slow
 def test_a_cluster_agrees(eadp, folder):
     distributed = pytest.importorskip("distributed")
-    common = ("sweep", folder / "sweep.yaml", "--set", "wind.gust_std_mps=1", "--format", "jsonl")
+    common = ("sweep", folder / "sweep.yaml", "--set", "wind.gust_std_mps=1", "--format", "csv")
     alone = eadp(*common, "--jobs", 1).out
     cluster = distributed.LocalCluster(
         n_workers=2,
@@ -292,7 +273,7 @@ def test_an_existing_file_goes_on(eadp, folder):
     assert whole(results) == 24
     took = failures(results)
     assert len(took) == 24 - MADE
-    eadp(*common, "--retry")
+    assert eadp(*common).out == first
     assert whole(results) == 24
     assert not {*took} & {*failures(results)}, "those that could not be made were tried again"
     more = SWEEP.replace("[0, 2, 4]", "[0, 1, 2, 4]")
@@ -402,7 +383,7 @@ def test_bad_files(eadp, folder):
 
 def test_the_progress(capsys, monkeypatch, folder):
     from eadp.sweep import command as module
-    from eadp.sweep.runs import Result
+    from eadp.sweep.engines import Result
 
     clock = iter(range(0, 10_000, 30))
     monkeypatch.setattr("eadp.cli.output.time.monotonic", lambda: float(next(clock)))
@@ -417,21 +398,6 @@ def test_the_progress(capsys, monkeypatch, folder):
     assert 0 < len(lines) < 6, "one a minute"
     assert all(line.startswith("sweep: ") and line.endswith(" left") for line in lines)
     assert "6 of 300 runs, 1 could not be made" in lines[-1]
-
-
-def test_other_code_makes_the_runs_again_and_says_so(eadp, folder, monkeypatch):
-    from eadp.sweep import results, sweep_file
-
-    run = importlib.import_module("eadp.sweep.run")
-    arguments = ["sweep", folder / "part.yaml", "-o", folder / "r.db", "--jobs", 1]
-    assert "other code" not in eadp(*arguments).err
-    for module in (results, run, sweep_file):
-        monkeypatch.setattr(module, "code_identity", lambda: "eadp 99")
-    message = eadp(*arguments).err
-    assert "r.db:1:1: warning: 8 runs are of other code, eadp 0" in message
-    assert "; this is eadp 99: they stay in the file, and are made again" in message
-    assert "8 runs of other code are left out." in (folder / "r.html").read_text()
-    assert "other code" not in eadp(*arguments).err
 
 
 def test_a_failed_solver_shows_in_every_output(eadp, folder):

@@ -643,13 +643,7 @@ function onKey(event) {
 }
 
 function errorsText() {
-  const parts = [];
-  parts.push(`positions within ${number(path.error.x)} m on each axis, headings within ${number(path.error.heading * 180 / Math.PI, 2)}°`);
-  parts.push(`power within ${number(data.power.error.w, 2)} W`);
-  parts.push(`charge within ${number(100 * data.charge.error.soc, 2)} %`);
-  parts.push("changes of parameters and stages exactly");
-  let text = `Shown with fewer samples than were logged: ${parts.join(", ")}.`;
-  if (decisionTimes.length < decisions.count) text += ` ${decisionTimes.length} of ${decisions.count} re-plannings are in this page.`;
+  let text = `${path.t.length} moments of the flight are shown; flight.csv has all.`;
   if (plan.shown < plan.turns) text += ` ${plan.shown} of ${plan.turns} courses of the plan in force are drawn.`;
   return `${text} Made by eadp ${data.version}; charts by uPlot (MIT).`;
 }

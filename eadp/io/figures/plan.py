@@ -78,7 +78,6 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         radii = [plan.radius_m(leg.stage) for leg in legs]
         first = [i for i, leg in enumerate(legs) if leg.lap == 0 and legs[0].lap == 0] or range(len(legs))
         draw_circles(axes, [ends[i] for i in first], [radii[i] for i in first])
-        _draw_bounds(axes, plan, parameters)
         label = f"trigger, radius {span_text(radii)} m"
         axes.plot(*zip(*ends, strict=True), "x", color="#444", markersize=4, linewidth=0, label=label)
         axes.plot(*legs[0].start_m, **START)
@@ -131,30 +130,6 @@ def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
         draw_areas(axes, strips, color="#c9ced6", alpha=0.45, linewidth=0, zorder=0, label=label)
 
 
-def _draw_bounds(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
-    """The second lap, which the parameters move, at both ends c̲ and c̄ of the path parameters' sets, dashed."""
-    rho = plan.path_count
-    if not plan.has_sets or all(plan.hull(i).fixed for i in range(rho)):
-        return
-    for end, name, dashes in (("lo", "underline", (2, 2)), ("hi", "overline", (6, 3))):
-        values = [getattr(plan.hull(i), end) for i in range(rho)]
-        try:
-            laps = list(varied_legs(plan, parameters, [*values, *parameters[rho:]]))
-        except PathUndefined:
-            continue
-        lap = laps[min(1, len(laps) - 1)]
-        path = np.concatenate([_points(leg, leg.length_m / (1 if leg.stage.kind == LINE else CORNERS)) for leg in lap])
-        at = ", ".join(f"$\\{name}{{c}}_{{i,{i}}}$ = {value:g}" for i, value in enumerate(values, 1))
-        axes.plot(
-            *path.T,
-            color="black",
-            linewidth=1.0,
-            dashes=dashes,
-            zorder=5,
-            label=f"second lap at {at}" if len(laps) > 1 else at,
-        )
-
-
 def _points(leg: Leg, step_m: float) -> FloatArray:
     """Points along a leg [m], shape (n, 2)."""
     return leg_points(leg, max(step_m, MIN_STEP_M))[:, :2]
@@ -172,9 +147,6 @@ def _name_stages(axes: Axes, plan: Plan, legs: Sequence[Leg]) -> None:
         axes.annotate(name, middle, xytext=(7, 7), color=colour, bbox=back, **style)
         axes.annotate(f"$p_{{\\Gamma_{{{leg.stage.index}}}}}$", leg.end_m, xytext=(-20, 3), color="#444", **style)
 
-
-APART = 0.015
-"""Least distance of the marks of decisions, as a share of the path's extent or of the time."""
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
 
@@ -373,25 +345,10 @@ def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Seq
     ]
     if changed_s:
         at = [steps[min(bisect.bisect_left(times, time_s), len(steps) - 1)] for time_s in changed_s]
-        size_m = max(np.ptp([(step.x_m, step.y_m) for step in steps], axis=0).max(), 1e-9)
-        places = _apart([((s.x_m / size_m, s.y_m / size_m), s) for s in at])
-        moments = _apart([((time_s / max(times[-1], 1e-9), 0.0), time_s) for time_s in changed_s])
-        count = f" ({len(at)}, some beside others left out)" if len(places) < len(at) else ""
-        path.plot(
-            [s.x_m for s in places], [s.y_m for s in places], "D", **_DECISION, label=f"decision{count}", zorder=5
-        )
+        path.plot([s.x_m for s in at], [s.y_m for s in at], "D", **_DECISION, label="decision", zorder=5)
         top = lower.get_xaxis_transform()
-        lower.plot(moments, [1.0] * len(moments), "D", **_DECISION, transform=top, clip_on=False)
+        lower.plot(changed_s, [1.0] * len(at), "D", **_DECISION, transform=top, clip_on=False)
     for record, after in itertools.pairwise(records):
         if record.status == INFEASIBLE:
             style: dict[str, Any] = {"color": GREY, "alpha": 0.2, "linewidth": 0, "label": "nothing was feasible"}
             lower.axvspan(record.time_s, after.time_s, **style)
-
-
-def _apart(places: Sequence[tuple[tuple[float, float], Any]]) -> list[Any]:
-    """Those of places, in shares of the picture, whose marks do not fall together with one kept before."""
-    kept: list[tuple[tuple[float, float], Any]] = []
-    for place, item in places:
-        if all(math.dist(place, other) >= APART for other, _ in kept):
-            kept.append((place, item))
-    return [item for _, item in kept]

@@ -510,7 +510,11 @@ class _Reader:
             elif not drafts and not self._faults:
                 self._fault(group.line, 0, "a segment without stages", "a section path: with some")
         if len(self._groups) == 1 and not self._groups[0].conditional:
-            self._check_short_form(self._groups[0])
+            if self._groups[0].final is None and not self._faults:
+                self._fault(_Line(len(self._source.lines), "", 1), 0, "no final point", "a section trig: with one")
+            if not self._groups[0].coordinates and not self._faults:
+                what = "a section path: without coordinates"
+                self._fault(self._drafts[0].line, 0, what, "a section init: that names some")
             return
         for group in self._groups:
             if group.init and group.until is None and not self._faults:
@@ -522,14 +526,6 @@ class _Reader:
         if last.until is not None and not self._faults:
             what = "the plan ends with laps that end on a condition"
             self._fault(last.final_line, 0, what, "a section path: after it, whose last trigger is the final point")
-
-    def _check_short_form(self, group: _Group) -> None:
-        """A plan of one repeating segment with a final point, as the papers write it."""
-        if group.final is None and not self._faults:
-            self._fault(_Line(len(self._source.lines), "", 1), 0, "no final point", "a section trig: with one")
-        if not group.coordinates and not self._faults:
-            what = "a section path: without coordinates"
-            self._fault(self._drafts[0].line, 0, what, "a section init: that names some")
 
     def _group_drafts(self) -> Iterator[tuple[_Group, list[_Draft]]]:
         """Each segment with its stages."""
@@ -573,8 +569,13 @@ class _Reader:
             **self._of(""),
         )
         self._check_smoothness(plan)
-        complete = self._with_laps if parts else self._repeating if self._groups else self._structured
-        plan = complete(plan)
+        if parts:
+            counts = {part.count for part in parts if part.repeats}
+            plan = replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None)
+        elif self._groups:
+            plan = self._repeating(plan)
+        elif found := find_structure(plan):
+            plan = replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
         self._compare_header(plan)
         return plan
 
@@ -591,16 +592,6 @@ class _Reader:
             )
             for group, drafts in self._group_drafts()
         )
-
-    def _with_laps(self, plan: Plan) -> Plan:
-        """A plan of segments: how many stages a lap has."""
-        counts = {part.count for part in plan.segments if part.repeats}
-        return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None)
-
-    def _structured(self, plan: Plan) -> Plan:
-        """An explicit plan with the structure found in its stages."""
-        found = find_structure(plan)
-        return plan if found is None else replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
 
     def _compare_header(self, plan: Plan) -> None:
         """A warning where the shift on the first line is neither that of the stages nor its opposite."""
@@ -731,13 +722,8 @@ class _Reader:
     def _expression(self, line: _Line, text: str, start: int) -> Expression | None:
         return self._attempt(line, start, "", lambda: read_expression(text, self._coordinates))
 
-    def _expressions(
-        self, line: _Line, text: str, start: int, expected: str, names: Collection[str] = ()
-    ) -> list[Expression] | None:
-        return self._attempt(line, start, expected, lambda: read_expressions(text, names, count=2))
-
     def _point(self, line: _Line, expected: str) -> PointExpression | None:
-        pair = self._expressions(line, line.text, 0, expected, self._coordinates)
+        pair = self._attempt(line, 0, expected, partial(read_expressions, line.text, self._coordinates, count=2))
         free = pair is not None and self._is_free(line, 0, pair, "a point", "numbers and parameters")
         return (pair[0], pair[1]) if pair and free else None
 

@@ -107,8 +107,12 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
             message = "no measurements"
             raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
         layout = _layout(first, names, file.configuration)
-        if layouts:
-            layout = _in_order_of(layouts[0], layout, first)
+        own, expected = (
+            ", ".join(f"{name} {unit}".strip() for name, unit in zip(each.names, each.units, strict=True))
+            for each in (layout, layouts[0] if layouts else layout)
+        )
+        if own != expected:
+            raise InputError(first.fault(0, f"measurements of {own}", f"{expected}, as in the first file"))
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
         layouts.append(layout)
         name = "standard input" if file.text.name == "<stdin>" else os.path.basename(file.text.name)
@@ -203,23 +207,6 @@ def _layout(row: Row, names: Sequence[str], stated: Configuration | None) -> _La
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
     return layout
-
-
-def _in_order_of(first: _Layout, layout: _Layout, row: Row) -> _Layout:
-    """The layout of a further file, its parameters in the order of the first's."""
-    own, expected = (list(zip(each.names, each.units, strict=True)) for each in (layout, first))
-    if sorted(own) != sorted(expected):
-        here, there = (", ".join(f"{name} {unit}".strip() for name, unit in each) for each in (own, expected))
-        remedy = f"{there}, as in the first file"
-        raise InputError(row.fault(0, f"measurements of {here}", remedy))
-    order = [own.index(each) for each in expected]
-    return replace(
-        layout,
-        names=first.names,
-        units=first.units,
-        parameters=[layout.parameters[i] for i in order] if layout.parameters else [],
-        constant=tuple(layout.constant[i] for i in order) if layout.constant else (),
-    )
 
 
 def _headerless(row: Row, names: Sequence[str]) -> _Layout:
@@ -478,7 +465,27 @@ def _axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> l
     return axes
 
 
-# --- how the power of a command is measured
+# --- options: which columns are read, how the power of a command is measured
+
+
+@dataclass(frozen=True)
+class PowerColumns:
+    """Which columns of a recording are read."""
+
+    power: Annotated[Sequence[str], Flag(metavar="COLUMN")] = ()
+    """Column of the power, with its unit where its name has none: 'PWR_AVG [W]'. May repeat: they are added."""
+
+    of: Annotated[str, Flag(metavar="NAME,…")] = ""
+    """Columns of the parameters, in a table with others."""
+
+    trim: Annotated[int, Flag(low=0)] = 0
+    """Leave out so many readings at the start and the end of a trace, as of an idle computer."""
+
+    @property
+    def parameters(self) -> list[str]:
+        """The names of `of`."""
+        return [name.strip() for name in self.of.split(",")] if self.of else []
+
 
 SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
 """Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""

@@ -22,15 +22,16 @@ from eadp.io.profile.measurements import (
     PARAMETERS_LIMIT,
     Configuration,
     PointFaults,
+    PowerColumns,
     Trace,
     is_trace,
     parse_configuration,
     read_measurements,
 )
-from eadp.io.profile.recordings import PowerColumns, read_recording
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import STRICT, Document, Path, read_yaml, validated, yaml_text
 from eadp.models.profile import ARRAYS, Profile, configuration_text, shortest
+from eadp.plug_ins import plug_in
 
 SCHEMA = "eadp.profile/1"
 
@@ -39,7 +40,7 @@ _MODEL = re.compile(r"""\{|["']?schema["']?\s*:""")
 
 def _measurements(text: Text, columns: PowerColumns, *, stated: bool) -> tuple[Text, list[Fault]]:
     """A recording of a computer's power as measurements, and what is to be known of it; another text as it is."""
-    found = None if _is_model(text) else read_recording(text, columns.power, columns.parameters)
+    found = None if _is_model(text) else plug_in("recordings", "power")(text, columns.power, columns.parameters)
     if found is None:
         return text, []
     return found.measurements(columns.parameters, columns.trim, stated=stated), found.notes()

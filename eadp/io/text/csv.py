@@ -21,19 +21,9 @@ ISO_TIME = re.compile(r"[0-9]{4}([-/])[0-9]{2}\1[0-9]{2}[T ][0-9]{2}:[0-9]{2}")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)\Z", re.IGNORECASE)
 
 
-_FORMULA = re.compile(r"[=+\-@\t\r]")
-"""How a text begins that spreadsheets take as a formula."""
-
-
 def write_rows(stream: TextIO, rows: Iterable[Iterable[object]]) -> None:
-    """Write rows as CSV; a text that spreadsheets would take as a formula has an apostrophe before it."""
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerows([_cell(value) for value in row] for row in rows)
-
-
-def _cell(value: object) -> object:
-    plain = not isinstance(value, str) or not _FORMULA.match(value) or NUMBER.match(value) or NOT_FINITE.match(value)
-    return value if plain else f"'{value}"
+    """Write rows as CSV."""
+    csv.writer(stream, lineterminator="\n").writerows(rows)
 
 
 @dataclass

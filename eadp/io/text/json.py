@@ -7,13 +7,11 @@ infinite.
 
 from __future__ import annotations
 
-import html
-import importlib
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from eadp.errors import InputError, printable
 from eadp.io.text.streams import SourceText, Text
@@ -161,33 +159,6 @@ def json_lines(text: Text, *, whole: bool = False) -> list[dict[str, Any]]:
             raise InputError.at(text.name, number, 1, "is no JSON object", "a JSON object")
         documents.append(document)
     return documents
-
-
-LIBRARIES = (("pandas", "DataFrame"), ("polars", "DataFrame"), ("pyarrow", "table"))
-"""Libraries for tables, the first that is installed is used, and what makes a table of a mapping of columns."""
-
-
-class AnyTable(Protocol):
-    """A table of pandas, polars or Arrow, or a dict of lists: a column by its name."""
-
-    def __getitem__(self, name: str, /) -> Any: ...
-
-
-def frame(columns: Mapping[str, Any]) -> AnyTable:
-    """A table of columns: of pandas, else polars, else Arrow; without any of these a dict of lists."""
-    for library, name in LIBRARIES:
-        try:
-            make: Callable[[Any], AnyTable] = getattr(importlib.import_module(library), name)
-        except ImportError:
-            continue
-        return make(dict(columns))
-    return {name: list(values) for name, values in columns.items()}
-
-
-def html_table(rows: Sequence[Sequence[str]]) -> str:
-    """Names and texts as a table of HTML."""
-    cells = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
-    return f"<table>{cells}</table>"
 
 
 def aligned(rows: Sequence[Sequence[str]], first: str = ">", others: str = ">") -> list[str]:

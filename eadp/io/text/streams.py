@@ -23,24 +23,7 @@ from pathlib import Path
 from eadp.errors import Fault, InputError, printable
 
 LIMIT_BYTES = 20_000_000
-"""Size limit of inputs by default: `EADP_LIMIT_BYTES` in the environment sets another."""
-
-
-_BINARY = {
-    b"\x89PNG": "a picture (PNG)",
-    b"\xff\xd8\xff": "a picture (JPEG)",
-    b"%PDF": "a PDF",
-    b"PK\x03\x04": "a zip archive",
-    b"\x1f\x8b": "a gzip archive",
-    b"SQLite format 3": "a database (SQLite, as a GeoPackage is)",
-    b"\x89HDF": "an HDF5 file",
-    b"ULog": "a PX4 ULog",
-    b"\xa3\x95": "an ArduPilot DataFlash log",
-    b"\x00\x00\x27\x0a": "a shapefile",
-    **dict.fromkeys((b"\x00\x04", b"\x00\x05", b"\x00\x06"), "a telemetry log (tlog)"),
-    **dict.fromkeys((b"\xff\xfe", b"\xfe\xff"), "UTF-16 text"),
-}
-"""What files that are no UTF-8 text are, by their first bytes."""
+"""Size limit of inputs."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +32,6 @@ class Text:
 
     name: str
     body: str
-
-
-def limit_bytes() -> int:
-    """The size limit in force [bytes]."""
-    raw = os.environ.get("EADP_LIMIT_BYTES", "")
-    return int(raw) if raw.isascii() and raw.isdigit() else LIMIT_BYTES
 
 
 def read_text(path: str) -> Text:
@@ -66,28 +43,25 @@ def read_text(path: str) -> Text:
         At 1:1, if there is no such file, it is a folder, is larger than the limit, or is not UTF-8.
     """
     name = "<stdin>" if path == "-" else path
-    limit = limit_bytes()
     try:
         if path == "-":
-            data = sys.stdin.buffer.read(limit + 1)
+            data = sys.stdin.buffer.read(LIMIT_BYTES + 1)
         else:
             with open(path, "rb") as stream:
-                data = stream.read(limit + 1)
+                data = stream.read(LIMIT_BYTES + 1)
     except IsADirectoryError:
         raise InputError.at(name, 1, 1, "is a folder", "a file") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError.at(name, 1, 1, f"cannot be read: {reason}", "a readable file") from None
-    if len(data) > limit:
-        what = f"at most {limit} bytes (the environment's EADP_LIMIT_BYTES sets another limit)"
-        raise InputError.at(name, 1, 1, "is too large", what)
+    if len(data) > LIMIT_BYTES:
+        raise InputError.at(name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
     try:
         body = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         # the decoder counts from after a byte order mark
         offset = error.start + (3 if data.startswith(codecs.BOM_UTF8) else 0)
-        kind = next((f", as of {kind}" for magic, kind in _BINARY.items() if data.startswith(magic)), "")
-        message = f"is not UTF-8 text: byte 0x{data[offset]:02x} at offset {offset}{kind}"
+        message = f"is not UTF-8 text: byte 0x{data[offset]:02x} at offset {offset}"
         raise InputError.at(name, 1, 1, message, "UTF-8 text") from None
     return Text(name, body.replace("\r\n", "\n").replace("\r", "\n"))
 
@@ -292,22 +266,6 @@ _SCHEMA = re.compile(r"^schema: *['\"]?eadp\.([a-z]+)/", re.MULTILINE)
 _FIELD = re.compile(r"\s*(<\?xml[^>]*>\s*)?<kml|\s*\{.{0,2000}?\"type\"\s*:\s*\"(Feature|Polygon|Multi)", re.DOTALL)
 HEAD = 4000
 """Characters of a file in which its kind is searched."""
-_FOREIGN = (
-    (r"<!DOCTYPE\s+flight_plan|<flight_plan\b", "is a flight plan of Paparazzi, which is not read"),
-    (r"<gpx\b", "is a track (GPX), which is not read"),
-    (r"\A\s*<", "is XML, of no kind that is read"),
-)
-"""Files of other software that stand where a plan belongs: a pattern of their heads, and what they are."""
-_MISSIONS = "a plan; a mission as WPL (*.waypoints) or a plan of QGroundControl"
-
-_WPML = re.compile(r"www\.dji\.com/wpmz")
-
-
-def refuse_wpml(text: Text) -> None:
-    """Refuse a mission of DJI without a field in it; raises InputError."""
-    if _WPML.search(text.body[:HEAD]) and "<Polygon" not in text.body:
-        expected = "a mission as WPL (*.waypoints) or a plan of QGroundControl; or a field, with a Polygon"
-        raise InputError.at(text.name, 1, 1, "is a mission of DJI (WPML), which is not read", expected)
 
 
 def refuse_others(text: Text) -> None:
@@ -319,15 +277,14 @@ def refuse_others(text: Text) -> None:
         With what takes such a file, or is read.
     """
     head = text.body[:HEAD]
-    refuse_wpml(text)
     if _FIELD.match(head):
         expected = f"a plan, which eadp cover {printable(text.name)} makes of it"
         raise InputError.at(text.name, 1, 1, "is a field, not a plan", expected)
     if found := _SCHEMA.search(head):
         raise InputError.at(text.name, 1, 1, f"is a file of eadp.{found[1]}, not a plan", "a plan")
-    for pattern, message in _FOREIGN:
-        if re.search(pattern, head, re.DOTALL):
-            raise InputError.at(text.name, 1, 1, message, _MISSIONS)
+    if head.lstrip().startswith("<"):
+        expected = "a plan; a mission as WPL (*.waypoints) or a plan of QGroundControl"
+        raise InputError.at(text.name, 1, 1, "is XML, of no kind that is read", expected)
 
 
 MARKS = {0xFD: (12, 10), 0xFE: (8, 6)}

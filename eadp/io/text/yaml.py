@@ -136,14 +136,12 @@ def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fau
     result: dict[str, Any] = {}
     for key_node, value_node in node.value:
         location = _location(key_node.start_mark)
-        if not isinstance(key_node, ScalarNode):
+        key = key_node.value if isinstance(key_node, ScalarNode) else None
+        if key is None or key in result:
             document.places[(*path, "?")] = location
-            faults.append(document.fault((*path, "?"), "a key that is not a name", "a name"))
-            continue
-        key = key_node.value
-        if key in result:
-            document.places[(*path, "?")] = location
-            faults.append(document.fault((*path, "?"), f"the key {printable(key)} stands twice", "it once"))
+            what = ("a key that is not a name", "a name")
+            what = what if key is None else (f"the key {printable(key)} stands twice", "it once")
+            faults.append(document.fault((*path, "?"), *what))
             continue
         result[key] = _build(value_node, (*path, key), document, faults)
         # the location is the key's: an empty value has none, and a block starts a line later
@@ -267,17 +265,6 @@ class _Described(GenerateJsonSchema):
 def schema_of(model: Any) -> dict[str, Any]:
     """JSON Schema of a dataclass or model."""
     return _adapter(model).json_schema(by_alias=True, schema_generator=_Described)
-
-
-def are_given(*keys: str) -> dict[str, Any]:
-    """JSON Schema: these keys are given; null and an empty list are not."""
-    values = {"not": {"anyOf": [{"type": "null"}, {"type": "array", "maxItems": 0}]}}
-    return {"required": list(keys), "properties": dict.fromkeys(keys, values)}
-
-
-def never(*keys: str) -> dict[str, Any]:
-    """JSON Schema: these keys are not given together."""
-    return {"not": are_given(*keys)}
 
 
 def keys_document(text: Text, schema: str) -> Document:

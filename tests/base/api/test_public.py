@@ -23,7 +23,7 @@ PUBLIC = {
     "CoverageOptions", "CoveragePlan", "EadpError", "EnergyFit", "EnergyModel", "ExportOptions", "Flight",
     "Infeasible", "InputError", "JobFlight", "SortieOptions", "SortiePlan", "cover_in_sorties", "simulate_sorties",
     "Plan", "Profile", "SweepFlight", "cover", "export", "fit_power", "fit_vehicle",
-    "forecast", "read_mission", "read_plan", "read_profile", "report", "simulate", "sweep", "vehicle",
+    "forecast", "read_plan", "read_profile", "report", "simulate", "sweep", "vehicle",
 }  # fmt: skip
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 FIELD = str(ROOT / "plans/meadow.geojson")
@@ -52,14 +52,8 @@ def test_a_flight_and_the_functions_can_be_pickled():
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
 
-def test_tables_have_what_people_read():
-    flight = library.simulate(PLAN, SCENARIO, overrides=SHORT)
-    steps = flight.table()
-    spacing = flight.inputs.world.plan.parameters[0]
-    assert [spacing.shown(value) for value in flight.columns["c1"].tolist()] == list(steps["spacing"])
-    assert list(steps["fps"]) == list(steps["c2"])
-    assert np.asarray(steps["stage"]).dtype.kind == "i"
-    last = flight.estimates[-1]
+def test_an_estimate_forecasts_at_one_time_or_several():
+    last = library.simulate(PLAN, SCENARIO, overrides=SHORT).estimates[-1]
     assert float(last.forecast_w(3)) == pytest.approx(last.forecast_w(np.array([3.0, 4.0]))[0], rel=1e-12)
 
 

@@ -21,7 +21,6 @@ PRINTED = {
     "performance": "vehicle vehicles/mapper.yaml --format json",
     "power": f"profile {PROFILE} --at fps=5 --format json",
     "profile": f"profile {PROFILE} --format json",
-    "faults": f"simulate {PLAN} --planner nosuch --faults json",
     "energy": "fit scenarios/example-power-log.csv --format json",
     "plan": f"plan {PLAN} --check --format json",
     "vehicle": "fit LOG --vehicle --battery --capacity 5 --soc 1 --format json",

@@ -83,8 +83,3 @@ def test_beside_a_plan_without_computations_a_profile_is_a_constant_load(sets):
     boxes = still.stages[0].sets
     values = tuple(box.lo for box in boxes)
     assert join_profile(still, GRID).power_w(values, boxes) == 8.0
-    assert join_profile(still, GRID, {"fps": 2}).power_w(values, boxes) == 2.0
-    assert join_profile(still, GRID, {"fps": 6, "keysize": 32}).power_w(values, boxes) == pytest.approx(3.0)
-    for wrong in ({"x": 1}, {"fps": 11}):
-        with pytest.raises(EadpError):
-            join_profile(still, GRID, wrong)

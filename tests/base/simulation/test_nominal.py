@@ -96,7 +96,7 @@ def test_turns_are_named_by_their_items_with_what_is_flown(tmp_path):
     assert "beside the path" in named[0]
     assert "back on it before item" in named[0]
     shown = []
-    eadp.read_mission(path, warn=shown.extend)
+    eadp.read_plan(path, warn=shown.extend)
     assert named == [fault.message for fault in shown if "tighter than the aircraft's" in fault.message]
 
 

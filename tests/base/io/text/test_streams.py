@@ -13,10 +13,8 @@ from eadp.errors import InputError
 from eadp.io.text import streams
 from eadp.io.text.streams import (
     FILES,
-    LIMIT_BYTES,
     Text,
     check_new_folder,
-    limit_bytes,
     new_folder,
     read_text,
     write_text,
@@ -82,7 +80,6 @@ def test_a_control_character_in_a_name_is_escaped():
         (b"\xe9t\xe9", "byte 0xe9 at offset 0"),
         (b"ok\n\xc3", "byte 0xc3 at offset 3"),
         (b"\xed\xa0\x80", "byte 0xed at offset 0"),  # half of a surrogate pair
-        (b"\xff\xfea\x00", "byte 0xff at offset 0, as of UTF-16 text"),
     ],
 )
 def test_what_is_not_utf_8(tmp_path, data, said):
@@ -107,11 +104,10 @@ def test_any_bytes_are_read_or_refused(tmp_path, data):
 
 
 def test_the_limit_and_one_byte_more(tmp_path, monkeypatch):
-    monkeypatch.setenv("EADP_LIMIT_BYTES", "10")
+    monkeypatch.setattr(streams, "LIMIT_BYTES", 10)
     assert read_text(written(tmp_path, b"0123456789")).body == "0123456789"
     fault = fault_of(read_text, written(tmp_path, b"0123456789a"))
-    assert fault.message == "is too large"
-    assert fault.expected.startswith("at most 10 bytes (the environment's EADP_LIMIT_BYTES")
+    assert (fault.message, fault.expected) == ("is too large", "at most 10 bytes")
 
 
 def test_the_limit_of_standard_input_stops_reading(monkeypatch):
@@ -123,16 +119,10 @@ def test_the_limit_of_standard_input_stops_reading(monkeypatch):
             buffer[:] = b"x" * len(buffer)
             return len(buffer)
 
-    monkeypatch.setenv("EADP_LIMIT_BYTES", "1000")
+    monkeypatch.setattr(streams, "LIMIT_BYTES", 1000)
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BufferedReader(Endless())))
     fault = fault_of(read_text, "-")
     assert (fault.file, fault.message) == ("<stdin>", "is too large")
-
-
-@pytest.mark.parametrize("raw", ["", "-5", "1e6", "many", "1 000"])
-def test_a_limit_that_is_no_number_is_the_default(raw, monkeypatch):
-    monkeypatch.setenv("EADP_LIMIT_BYTES", raw)
-    assert limit_bytes() == LIMIT_BYTES
 
 
 # --- files ------------------------------------------------------------------------------------------------------------

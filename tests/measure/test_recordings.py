@@ -8,8 +8,8 @@ import statistics
 import pytest
 
 from eadp.errors import InputError
-from eadp.io.profile.recordings import read_recording
 from eadp.io.text.streams import Text
+from eadp.measure.recordings import read_recording
 
 TEGRA = "04-02-2026 09:00:0{i} RAM 2274/6834MB (lfb 27x4MB) SWAP 542/3417MB CPU [99%@1189,off] {rails}"
 XAVIER = "GPU 1000/9 CPU 500mW/9mW SOC 900/9 CV 0/0 VDDRQ 300/9 SYS5V 1500/9"
