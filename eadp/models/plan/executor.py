@@ -248,9 +248,6 @@ MIN_BEYOND_M, MIN_RATE = 1e-9, 1e-12
 AFTER_M = 1e-6
 """Distance after a crossing at which it is beyond [m]."""
 
-CLEARANCE_STEP_M = 0.05
-"""Accuracy of an uncertain end's clearance [m]."""
-
 ON_LINE, ON_CIRCLE, ON_CURVE = 0.0, 1.0, 2.0
 
 LegNumbers = tuple[float, float, float, float, float, float, float]
@@ -260,10 +257,8 @@ its start [rad]."""
 NO_POINTS = np.zeros(0)
 
 
-def end_on(
-    leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: float, reach_m: float
-) -> tuple[float, float]:
-    """Where the plan ends on a leg, and by how much the leg passes that end.
+def end_on(leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: float) -> float:
+    """The distance flown along a leg on which the plan ends [m]; infinite where it does not end on it.
 
     Parameters
     ----------
@@ -273,20 +268,12 @@ def end_on(
     radius_m : float
         Radius across the shift [m].
     margin_m : float
-        By how much the end has to be passed to be certain [m]; at 0 or below every end is, and the plan ends as much
-        before.
-    reach_m : float
-        Distance along the leg within which an uncertain end counts [m].
-
-    Returns
-    -------
-    flown_m : float
-        Distance flown along the leg [m]; infinite where the plan does not end on it.
-    clearance_m : float
-        Infinite for an end that is certain; else within ±`margin_m` [m], from below; −inf without an end.
+        By how much the end has to be passed to be one [m].
     """
-    compiled = jitted(_end_on, makes_arrays=False)
-    return compiled(*leg_numbers(leg), final, shift, radius_m, margin_m, reach_m)
+    compiled, numbers = jitted(beyond_m, makes_arrays=False), leg_numbers(leg)
+    if margin_m > 0 and math.isinf(compiled(*numbers, final, shift, radius_m, -margin_m)):
+        return math.inf
+    return float(compiled(*numbers, final, shift, radius_m, 0.0))
 
 
 def leg_numbers(leg: Leg) -> tuple[LegNumbers, FloatArray, FloatArray]:
@@ -301,31 +288,6 @@ def leg_numbers(leg: Leg) -> tuple[LegNumbers, FloatArray, FloatArray]:
     points = leg_points(leg, STEP_M) if math.isfinite(length_m) else ()
     xs, ys = np.array([(point.x_m, point.y_m) for point in points]).reshape(-1, 2).T.copy()
     return (ON_CURVE, length_m, 0.0, 0.0, 0.0, 0.0, 0.0), xs, ys
-
-
-def _end_on(
-    leg: LegNumbers,
-    xs: FloatArray,
-    ys: FloatArray,
-    final: Point,
-    shift: Point,
-    radius_m: float,
-    margin_m: float,
-    reach_m: float,
-) -> tuple[float, float]:
-    flown_m = beyond_m(leg, xs, ys, final, shift, radius_m, -margin_m)
-    if flown_m < math.inf:
-        return beyond_m(leg, xs, ys, final, shift, radius_m, 0.0) if margin_m > 0.0 else flown_m, math.inf
-    low, high = -margin_m, margin_m
-    if margin_m <= 0.0 or not beyond_m(leg, xs, ys, final, shift, radius_m, margin_m) <= reach_m:
-        return math.inf, -math.inf
-    while high - low > CLEARANCE_STEP_M:
-        middle = (low + high) / 2
-        if beyond_m(leg, xs, ys, final, shift, radius_m, -middle) <= reach_m:
-            low = middle
-        else:
-            high = middle
-    return beyond_m(leg, xs, ys, final, shift, radius_m, max(0.0, -low)), low
 
 
 def beyond_m(

@@ -18,7 +18,7 @@ from eadp.core.arrays import BoolArray, FloatArray, IntArray
 from eadp.core.flight import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Nodes, Point, Track
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import PlanCursor, PlanEnd, Vector
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.executor import end_on
 from eadp.models.plan.ground import FlownGround, lap_scale
 from eadp.models.plan.plan import Plan
@@ -238,27 +238,6 @@ MARGIN_M = 1.0
 """Clearance of the end beyond which a lap is certainly the last, at least [m]."""
 
 
-class UncertainEnd(NamedTuple):
-    """Where a plan may or may not end: on a leg that passes the end, or misses it, by little.
-
-    Attributes
-    ----------
-    leg : int
-        Index of the leg.
-    flown_m : float
-        Distance flown along it to the end [m].
-    clearance_m : float
-        How far the leg passes the end [m]; negative where it misses it.
-    length_m : float
-        Length of the leg [m].
-    """
-
-    leg: int
-    flown_m: float
-    clearance_m: float
-    length_m: float
-
-
 class PlannedLegs(NamedTuple):
     """Legs to fly, in order.
 
@@ -289,8 +268,6 @@ class Route:
     table : LegTable
     order : array of int, shape (legs,)
         Row of each leg in the table.
-    ends : tuple of UncertainEnd
-        Ends before the last leg's, in the order of their clearance.
     pieces : tuple of Leg or AlikeLaps
         The legs, those of laps that are alike together.
     runs : array of int, shape (legs,)
@@ -305,7 +282,6 @@ class Route:
 
     table: LegTable
     order: IntArray
-    ends: tuple[UncertainEnd, ...]
     pieces: tuple[Leg | AlikeLaps, ...]
     runs: IntArray
     scales: FloatArray
@@ -363,12 +339,11 @@ class Route:
 
     def after(self) -> Route:
         """The same without its first leg."""
-        ends = tuple(end._replace(leg=end.leg - 1) for end in self.ends if end.leg)
         pieces = self.pieces[1:] if isinstance(self.pieces[0], Leg) else self.legs[1:]
         passed = int(self.runs[1]) if len(self.runs) > 1 else 0
         runs, scales = self.runs[1:] - passed, self.scales[passed:]
         cursor = None if self.cursor is None else self.cursor.next()
-        return Route(self.table, self.order[1:], ends, pieces, runs, scales, self.beyond_m, cursor)
+        return Route(self.table, self.order[1:], pieces, runs, scales, self.beyond_m, cursor)
 
     @property
     def stages(self) -> IntArray:
@@ -395,8 +370,8 @@ class RoutePredictor:
         joined_m : (float, float)
             Where it was joined [m].
         margin_m : float
-            By how much the end of the plan has to be passed to be certain [m]. Ends that are passed by less, or missed
-            by less, are uncertain.
+            By how much the end of the plan has to be passed to be one [m]: an aircraft may miss one that is passed by
+            less.
 
         Raises
         ------
@@ -441,10 +416,11 @@ class RoutePredictor:
             made.start(cursor)
             end = cursor.end()
             for count, (leg, number) in enumerate(zip(legs, numbers, strict=True), 1):
-                cut = None
+                flown_m = math.inf
                 if end is not None and not end.at_trigger:
-                    cut = _cut_at_end(leg, len(made.rows), end, cursor.table.plan, margin_m, made.ends)
-                if cut is not None:
+                    flown_m = end_on(leg, end.final_m, end.shift_m, cursor.table.plan.final_radius_m, margin_m)
+                if flown_m < math.inf:
+                    cut = leg._replace(flown_m=flown_m)
                     (ox, oy), (x, y) = cut.offset_m, cut.start_m
                     share = cut.distance_m / cut.length_m if cut.length_m else 1.0
                     nodes = cut.track.nodes((x - ox, y - oy), cut.distance_m, share)
@@ -536,7 +512,6 @@ class _RouteMaker:
 
     def __init__(self, table: LegTable, first: PlanCursor) -> None:
         self.rows: list[int] = []
-        self.ends: list[UncertainEnd] = []
         self._table, self._first = table, first
         self._pieces: list[Leg | AlikeLaps] = []
         self._runs: list[int] = []
@@ -577,25 +552,7 @@ class _RouteMaker:
         """The route; see its `beyond_m`."""
         self._finish(last=True)
         order, runs = (np.array(numbers, dtype=np.intp) for numbers in (self.rows, self._runs))
-        ends, pieces, scales = tuple(self.ends), tuple(self._pieces), np.array(self._scales)
-        return Route(self._table, order, ends, pieces, runs, scales, beyond_m, self._first)
-
-
-def _cut_at_end(
-    leg: Leg, number: int, end: PlanEnd, plan: Plan, margin_m: float, ends: list[UncertainEnd]
-) -> Leg | None:
-    """A leg up to where the plan ends on it; None where it does not, or not for certain.
-
-    An end that is uncertain is appended to `ends`, with the leg's `number`.
-    """
-    # the stage ends where its trigger fires: the next one passes what lies beyond
-    reach_m = leg.length_m - plan.radius_m(leg.stage)
-    flown_m, clearance_m = end_on(leg, end.final_m, end.shift_m, plan.final_radius_m, margin_m, reach_m)
-    if clearance_m == math.inf:
-        return leg._replace(flown_m=flown_m)
-    if clearance_m > -math.inf and all(before.clearance_m < clearance_m for before in ends):
-        ends.append(UncertainEnd(number, flown_m, clearance_m, leg.length_m))
-    return None
+        return Route(self._table, order, tuple(self._pieces), runs, np.array(self._scales), beyond_m, self._first)
 
 
 def _place(cursor: PlanCursor) -> tuple[int, int, int]:
