@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import BoolArray, FloatArray, IntArray
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Nodes, Point, Track
 from eadp.errors import PathUndefined
@@ -152,25 +152,12 @@ def _course_rad(nodes: Nodes, at: int) -> float:
     return float(np.arctan2(nodes.sine[at], nodes.cosine[at]) + beyond_m * nodes.curvature_per_m[at])
 
 
-class TightLegs(NamedTuple):
-    """Of each leg of routes: whether it bends tighter than the aircraft can turn, and whether the path has a corner
-    at its start."""
-
-    bends: BoolArray
-    corners: BoolArray
-
-
-def tight_legs(
-    rows: LegRows, order: IntArray, first: IntArray, radius_m: float, airspeed_mps: float, wind_mps: float
-) -> TightLegs:
-    """Which legs an aircraft cannot follow.
+def follows(route: Route, radius_m: float, airspeed_mps: float, wind_mps: float) -> bool:
+    """Whether an aircraft can follow all of a route: nothing of it bends too tightly, and there is no corner.
 
     Parameters
     ----------
-    rows, order
-        As for `leg_times_s`.
-    first : array of int, shape (routes,)
-        First leg of each route.
+    route : Route
     radius_m, airspeed_mps : float
         The aircraft's least radius of a turn without wind [m], at its airspeed [m/s].
     wind_mps : float
@@ -179,13 +166,12 @@ def tight_legs(
     Source: `eadp.models.performance.ground_radius_m`; a corner of θ that is turned at a radius r is overshot by
     r (1 − cos θ).
     """
+    rows, order = route.table.rows, route.order
     own = np.where(np.isnan(rows.airspeeds_mps), airspeed_mps, rows.airspeeds_mps)
     min_radius_m = radius_m * ((own + wind_mps) / airspeed_mps) ** 2
-    bends = (rows.bends_per_m * min_radius_m > 1 - SAME_RADIUS)[order]
-    corner_rad = np.zeros(len(order))
-    corner_rad[1:] = rows.courses_rad[order[1:], 0] - rows.courses_rad[order[:-1], 1]
-    corner_rad[first] = 0.0
-    return TightLegs(bends, radius_m * (1 - np.cos(corner_rad)) > OVERSHOOT_M)
+    bends = (rows.bends_per_m * min_radius_m)[order] > 1 - SAME_RADIUS
+    corners_rad = rows.courses_rad[order[1:], 0] - rows.courses_rad[order[:-1], 1]
+    return not bends.any() and not (radius_m * (1 - np.cos(corners_rad)) > OVERSHOOT_M).any()
 
 
 def leg_times_s(

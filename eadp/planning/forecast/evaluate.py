@@ -24,7 +24,7 @@ from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.route import Route, RouteArrays, leg_times_s
 from eadp.models.plan.stage import Leg, Stage, left_m
 from eadp.models.vehicle import PaperVehicle
-from eadp.planning.base import Ending, FlownLegs, Mission, PlannerSettings, TradeOff
+from eadp.planning.base import Ending, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import (
     LOSS_SQUARE,
     MIN_STD,
@@ -300,6 +300,7 @@ class Evaluator:
         rho = mission.plan.path_count
         self._path_weights = np.array([weights[:rho] for weights in of_stages]).reshape(len(of_stages), rho)
         self._counted = np.array([weights.sum() for weights in of_stages])
+        self._excess_s = np.array([mission.excess.get(stage, (0.0, 0.0)) for stage in stages])
         self._way_home: tuple[Autopilot | None, WayHome | None] = (None, None)
         self._scale_s = 0.0  # of the objective `total`; 0 until the first evaluation
         self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
@@ -382,19 +383,11 @@ class Evaluator:
         own_mps = legs.rows.airspeeds_mps[legs.order]
         flown_mps = np.where(np.isnan(own_mps), others_mps, own_mps)
         in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, others_mps, winds_mps)
-        # a leg that the aircraft cannot follow takes longer than its path: by as much in each wind as in the estimated
-        # at another airspeed, too
-        followed = at_cruise = FlownLegs(in_winds_s[0], turning_s[0])
-        nominal = self.mission.nominal
-        if nominal is not None and airspeeds_mps is not None:
-            cruise = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps[:1])
-            at_cruise = FlownLegs(cruise[0][0], cruise[1][0])
-        flown = at_cruise if nominal is None else nominal.flown(routes, known.wind.mps, at_cruise)
-        overshot = flown is not at_cruise
-        turning_s = flown.turning_s if at_cruise is followed else followed.turning_s
-        if overshot:
-            finite = np.isfinite(at_cruise.times_s)
-            in_winds_s = in_winds_s + np.where(finite, flown.times_s, 0.0) - np.where(finite, at_cruise.times_s, 0.0)
+        # a leg that the aircraft cannot follow takes longer than its path: in each wind and at each airspeed as before
+        # take-off
+        excess_s, excess_turning_s = self._excess_s[legs.stages - 1].T
+        in_winds_s = in_winds_s + excess_s
+        turning_s = np.maximum(turning_s[0] + excess_turning_s, 0.0)
         # routes that cannot be flown are left out
         flyable = np.isfinite(legs.sums(in_winds_s[0]))
         if not flyable.all():
@@ -406,8 +399,7 @@ class Evaluator:
             return replace(rest, index=index[rest.index])
         # mean times over the wind's distribution; of the first leg of each route only a part is left
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
-        if overshot:
-            wind_var += (OVERSHOOT_SHARE * flown.excess_s / legs.sums(in_winds_s[0])) ** 2
+        wind_var += OVERSHOOT_SHARE**2 * legs.sums(excess_s**2) / legs.sums(in_winds_s[0]) ** 2
         whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s * factor[legs.place]
         left = self._left(known, legs, routes, whole_s)
         part = np.ones(len(whole_s))
@@ -423,7 +415,7 @@ class Evaluator:
         peak_w = motion_w
         if known.climb is not None:
             times_s, motion_w, peak_w = self._climbed(
-                known, routes, flown_mps, followed.times_s * factor[legs.place], times_s, motion_w
+                known, routes, flown_mps, (in_winds_s[0] - excess_s) * factor[legs.place], times_s, motion_w
             )
         # the peak is above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)

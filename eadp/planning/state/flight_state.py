@@ -189,10 +189,12 @@ class FlightState:
             rho = self._mission.plan.path_count
             # an autopilot whose line is changed during a turn leaves the turn elsewhere, up to a whole turn later
             diverted = place.flies_mission and o.cursor.waiting[:rho] != place.cursor.waiting[:rho]
-            if stages_before > 1 and not place.through_gap and place.follows and not diverted:
+            if stages_before > 1 and not place.through_gap and not diverted:
                 times_s, _ = place.route.times_s(place.cursor.airspeed_mps or cruise_mps, self.wind_mps)
+                excess = self._mission.excess.get(place.cursor.stage.index)
+                forecast_s = float(times_s[0]) + (0.0 if excess is None else excess.seconds)
                 flown_s = o.time_s - place.since_s - slowed_s
-                self._times.learn(float(times_s[0]), flown_s, self._wind.gust_std_mps, cruise_mps, gust_time_s)
+                self._times.learn(forecast_s, flown_s, self._wind.gust_std_mps, cruise_mps, gust_time_s)
             # windows of the motion's power lie within one leg, of one bank
             self._motion.end_window(place.slope)
         place.start(o)
@@ -202,10 +204,10 @@ class FlightState:
             times_s, turning_s = route.times_s(o.cursor.airspeed_mps or cruise_mps, self.wind_mps)
             # mean tan² φ = ∫tan² φ dt / t
             slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
-            max_slope = math.inf if self._mission.nominal is None else self._mission.nominal.max_slope
-            # a turn tighter than the aircraft can fly is overshot: neither its time nor that of the leg after it counts
-            turns = slope <= max_slope
-            place.slope, place.follows, place.turns = min(slope, max_slope), place.turns and turns, turns
+            vehicle = self._mission.vehicle
+            if not isinstance(vehicle, PaperVehicle):  # no steeper bank than it can fly
+                slope = min(slope, math.tan(math.radians(vehicle.max_bank_deg)) ** 2)
+            place.slope = slope
         self._ground.hold(o.time_s, o.cursor, o.parameters)
 
     def _read(self, readings: Readings, o: Observation | None = None) -> None:
@@ -460,8 +462,6 @@ class _Place:
         Mean tan² φ of the leg, as the aircraft can turn.
     computing_w : float
         Power of the computations in force [W].
-    turns, follows : bool
-        Whether the aircraft can turn as tightly as the leg; and could on the one before, too.
     through_gap : bool
         Whether the leg's start or end may be unknown.
     flies_mission : bool
@@ -479,7 +479,6 @@ class _Place:
         self.since_s = self.slope = self.computing_w = 0.0
         self.through_gap = self.flies_mission = self.returns_home = False
         self.rejoins_at_start: bool | None = None
-        self.follows = self.turns = True
         self.altitude_m: float | None = None
         self._predictor = RoutePredictor()
 
