@@ -20,10 +20,9 @@ from measured import mean_text, table
 
 from eadp.planning.base import NEW_STAGE, SOLVED
 from eadp.planning.forecast import evaluate
-from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
+from eadp.planning.forecast.evaluate import Evaluator
 from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint import planner, policy, search
-from eadp.planning.joint import policy as places
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
@@ -98,7 +97,6 @@ VARIANTS: Mapping[str, Variant] = {
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
     "no search along each parameter after the grid": Variant(((Search, "_along", _only_the_grid),)),
     "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),
-    "computations fall from the start (`EARLY_S` = 0)": Variant(((policy, "EARLY_S", 0.0),)),
     "the margin of today for the computations, too": Variant(
         ((evaluate.Evaluation, "adaptive", property(lambda own: own.knapsack)),)
     ),
@@ -106,9 +104,6 @@ VARIANTS: Mapping[str, Variant] = {
     "the same gain for each change of path": Variant(((Policy, "path_gain", property(lambda own: own._min_gain)),)),
     "no wait after a fall (`SETTLED_S` = 0)": Variant(((policy, "SETTLED_S", 0.0),)),
     "paths searched to the end (`LAST_CHANGE_S` = 0)": Variant(((planner, "LAST_CHANGE_S", 0.0),)),
-    "every end certain": Variant(
-        ((evaluate, "_ends", lambda *_: CERTAIN), (places, "margin_m", lambda _: 0.0)),
-    ),
     "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", _no_effect),)),
     "an exact gauge": Variant(((Evaluator, "_gain_std", lambda *_: 0.0),)),
 }

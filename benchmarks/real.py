@@ -50,7 +50,6 @@ from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
 from eadp.measure.power_log import Columns
 from eadp.measure.recordings import read_recording
-from eadp.models.plan.trace import whole_route
 from eadp.planning.forecast.evaluate import OVERSHOOT_SHARE
 from eadp.simulation.loop import Outcome, fly
 from eadp.survey.field_reader import read_field, read_field_text
@@ -168,12 +167,9 @@ def compared(path: Path, keys: Mapping[str, Any]) -> Compared | None:
     for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
     powers_w = [3600 * energy / seconds for seconds, energy in expected.stages.values() if seconds > 0]
-    world, nominal = inputs.world, inputs.mission.nominal
-    assert nominal is not None
-    route = whole_route(world.plan, (), world.rules, world.start.position_m)
-    excess_s = math.hypot(*(one.excess_s for one in nominal.times_s(route, world.wind.steady_mps)[1]))
+    excess_s = math.hypot(*(one.seconds for one in inputs.mission.excess.values()))
     warned = any(fault.severity == "warning" for fault in inputs.warnings)
-    limit_w = world.vehicle.max_motion_w
+    limit_w = inputs.world.vehicle.max_motion_w
     return Compared(forecast_values(expected), outcome, max(powers_w), limit_w, took_s, excess_s, warned)
 
 

@@ -43,7 +43,7 @@ from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import PlannedFlight, make_flight, planner_class
 from eadp.planning.state.climb import ClimbFollower
 from eadp.plug_ins import code_identity
-from eadp.simulation.nominal import MOST, NominalFlight, Overshoot, overshoot_findings
+from eadp.simulation.nominal import MOST, Overshoot, overshoot_findings, overshoots
 
 HELD = "fixed"
 """Setting `airspeed` of a planner that does not decide it."""
@@ -230,13 +230,11 @@ def load_flight(
     start = _start(flown, plan_source, setting, parameters)
     _check_aircraft(flown, plan_source, setting)
     _check_battery(setting, computing.power_w(parameters, flown.stages[0].sets))
-    vehicle = setting.keys.vehicle.airframe
-    nominal = None if isinstance(vehicle, PaperVehicle) else NominalFlight(vehicle, setting.keys.guidance)
-    forecast_s, overshoots = _nominal_s(flown, parameters, setting, start[0], nominal)
+    forecast_s, overshot = _nominal_s(flown, parameters, setting, start[0])
     world = _world(flown, computing, setting, parameters, start, forecast_s)
     _check_names(flown, setting)
-    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots, MOST)]
-    mission = _mission(world, model, nominal, setting.keys.autopilot)
+    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshot, MOST)]
+    mission = _mission(world, model, overshot, setting.keys.autopilot)
     if world.way_home is not None:
         world = replace(world, way_home=world.way_home.flown_by(mission.autopilot))
     _check_planner(setting, mission)
@@ -245,7 +243,7 @@ def load_flight(
     if stated_m is not None and home_m is not None and home_m > stated_m:
         message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
         warnings.append(replace(setting.fault("home.altitude_m", message, "a higher one"), severity="warning"))
-    never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
+    never_past = next((one.stage.label for one in overshot if math.isinf(one.excess.seconds)), "")
     inputs = FlightInputs(world, mission, setting, tuple(warnings), sources, never_past)
     decides = getattr(setting.planner.own, "airspeed", HELD) != HELD
     return inputs if decides else inputs.at_one_airspeed()
@@ -382,7 +380,7 @@ def clear_home_m(plan: Plan, legs: Sequence[Leg], home_m: Point, vehicle: Airfra
     return math.ceil(clear_m) if clear_m > min(_altitudes_m(stages, vehicle)) else None
 
 
-def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None, autopilot: Autopilot) -> Mission:
+def _mission(world: World, energy: EnergyModel | None, overshot: Sequence[Overshoot], autopilot: Autopilot) -> Mission:
     """What the planner knows of a world before take-off."""
     return Mission(
         plan=world.plan,
@@ -396,7 +394,7 @@ def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | 
         rules=world.rules,
         gust_time_s=world.wind.gust_time_s,
         altitude_m=world.start.altitude_m,
-        nominal=nominal,
+        excess={one.stage.index: one.excess for one in overshot},
         autopilot=autopilot,
     )
 
@@ -424,19 +422,17 @@ def _check_battery(scenario: Scenario, computing_w: float) -> None:
         raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
 
 
-def _nominal_s(
-    plan: Plan, parameters: Vector, scenario: Scenario, start: Point, nominal: NominalFlight | None
-) -> tuple[float, list[Overshoot]]:
+def _nominal_s(plan: Plan, parameters: Vector, scenario: Scenario, start: Point) -> tuple[float, list[Overshoot]]:
     """Time of a flight at the parameters of take-off [s], infinite where there is none; what is flown off its path."""
     try:
         route = whole_route(plan, parameters, scenario.rules, start, MARGIN_M)
     except PathUndefined:
         return math.inf, []
-    wind_mps, airspeed_mps = scenario.keys.wind.steady_mps, scenario.keys.vehicle.airframe.airspeed_mps
-    if nominal is None:
-        return float(route.times_s(airspeed_mps, wind_mps)[0].sum()), []
-    times_s, overshoots = nominal.times_s(route, wind_mps)
-    return float(times_s.sum()), overshoots
+    wind_mps, vehicle, found = scenario.keys.wind.steady_mps, scenario.keys.vehicle.airframe, dict[int, Overshoot]()
+    if not isinstance(vehicle, PaperVehicle):
+        found = overshoots(route, vehicle, scenario.keys.guidance, wind_mps)
+    excess_s = sum(found[i].excess.seconds for i in route.stages.tolist() if i in found)
+    return float(route.times_s(vehicle.airspeed_mps, wind_mps)[0].sum()) + excess_s, [*found.values()]
 
 
 def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:

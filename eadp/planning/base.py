@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple
 
-import numpy as np
 from annotated_types import Ge, Le, Len
 
 from eadp.core.arrays import Column, FloatArray, NotNegative, Reserve
@@ -24,7 +23,6 @@ from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
 from eadp.models.vehicle import Airframe
 from eadp.plug_ins import plug_in
@@ -398,38 +396,12 @@ class SolverReport:
     solve_ms: list[float] = field(default_factory=list)
 
 
-class FlownLegs(NamedTuple):
-    """Legs of routes one after the other, as flown in a wind.
+class Excess(NamedTuple):
+    """What a stage takes beside its path, whose turns the aircraft overshoots: time, and time integral of tan² of the
+    bank [s]."""
 
-    Attributes
-    ----------
-    times_s, turning_s : array, shape (legs,)
-        Time, and time integral of tan² of the bank [s].
-    excess_s : array, shape (routes,)
-        Root of the sum of the squares of the times that turns take more than their paths' lengths [s].
-    """
-
-    times_s: FloatArray
-    turning_s: FloatArray
-    excess_s: FloatArray = np.zeros(0)
-
-
-class Nominal(Protocol):
-    """Flies what the aircraft cannot follow: turns tighter than it can turn in the wind, and corners.
-
-    Attributes
-    ----------
-    max_slope : float
-        tan² of the aircraft's greatest bank.
-    """
-
-    max_slope: float
-
-    def flown(self, routes: Sequence[Route], wind_mps: Point, followed: FlownLegs) -> FlownLegs:
-        """Legs of routes as flown in a wind [m/s]; `followed` itself where the aircraft can follow them all.
-
-        A time is infinite where the aircraft never gets to the end of a leg.
-        """
+    seconds: float
+    turning_s: float
 
 
 @dataclass(frozen=True)
@@ -437,8 +409,9 @@ class Mission:
     """The mission as known before take-off.
 
     `vehicle` is the aircraft as stated, which may be another. `gust_time_s` is the time constant of gusts [s], and
-    `altitude_m` that of take-off [m]. `nominal` flies what the aircraft cannot follow. `live` is whether forecasts are
-    shown as they are made: none is older than a re-planning then. `autopilot` is the one that flies, for its own rules.
+    `altitude_m` that of take-off [m]. `excess` is what stages that the aircraft cannot follow take beside their paths,
+    by number. `live` is whether forecasts are shown as they are made: none is older than a re-planning then.
+    `autopilot` is the one that flies, for its own rules.
     `clock_s` is what the telemetry's clock shows at time 0 [s].
     """
 
@@ -455,7 +428,7 @@ class Mission:
     altitude_m: float = 0.0
     live: bool = False
     clock_s: float = 0.0
-    nominal: Nominal | None = None
+    excess: Mapping[int, Excess] = field(default_factory=dict)
     autopilot: Autopilot = field(default_factory=Autopilot)
 
     @property

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import BoolArray, FloatArray, IntArray
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Nodes, Point, Track
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import PlanCursor, PlanEnd, Vector
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.executor import signs
 from eadp.models.plan.ground import FlownGround, lap_scale
 from eadp.models.plan.plan import Plan
@@ -152,25 +152,12 @@ def _course_rad(nodes: Nodes, at: int) -> float:
     return float(np.arctan2(nodes.sine[at], nodes.cosine[at]) + beyond_m * nodes.curvature_per_m[at])
 
 
-class TightLegs(NamedTuple):
-    """Of each leg of routes: whether it bends tighter than the aircraft can turn, and whether the path has a corner
-    at its start."""
-
-    bends: BoolArray
-    corners: BoolArray
-
-
-def tight_legs(
-    rows: LegRows, order: IntArray, first: IntArray, radius_m: float, airspeed_mps: float, wind_mps: float
-) -> TightLegs:
-    """Which legs an aircraft cannot follow.
+def follows(route: Route, radius_m: float, airspeed_mps: float, wind_mps: float) -> bool:
+    """Whether an aircraft can follow all of a route: nothing of it bends too tightly, and there is no corner.
 
     Parameters
     ----------
-    rows, order
-        As for `leg_times_s`.
-    first : array of int, shape (routes,)
-        First leg of each route.
+    route : Route
     radius_m, airspeed_mps : float
         The aircraft's least radius of a turn without wind [m], at its airspeed [m/s].
     wind_mps : float
@@ -179,13 +166,12 @@ def tight_legs(
     Source: `eadp.models.performance.ground_radius_m`; a corner of θ that is turned at a radius r is overshot by
     r (1 − cos θ).
     """
+    rows, order = route.table.rows, route.order
     own = np.where(np.isnan(rows.airspeeds_mps), airspeed_mps, rows.airspeeds_mps)
     min_radius_m = radius_m * ((own + wind_mps) / airspeed_mps) ** 2
-    bends = (rows.bends_per_m * min_radius_m > 1 - SAME_RADIUS)[order]
-    corner_rad = np.zeros(len(order))
-    corner_rad[1:] = rows.courses_rad[order[1:], 0] - rows.courses_rad[order[:-1], 1]
-    corner_rad[first] = 0.0
-    return TightLegs(bends, radius_m * (1 - np.cos(corner_rad)) > OVERSHOOT_M)
+    bends = (rows.bends_per_m * min_radius_m)[order] > 1 - SAME_RADIUS
+    corners_rad = rows.courses_rad[order[1:], 0] - rows.courses_rad[order[:-1], 1]
+    return not bends.any() and not (radius_m * (1 - np.cos(corners_rad)) > OVERSHOOT_M).any()
 
 
 def leg_times_s(
@@ -233,36 +219,14 @@ def leg_times_s(
     return times_s[:, of_leg], turning_s[:, of_leg]
 
 
-END_STEP_M, CLEARANCE_STEP_M = 1.0, 0.05
-"""Distance of the points at which the end of a plan is looked for; an end is where its clearance is reached to so much
-[m]."""
+END_STEP_M = 1.0
+"""Distance of the points at which the end of a plan is looked for [m]."""
 ROUNDING_M = 1e-9
 """A line along the bound of the end is not beyond it by rounding [m]."""
 
 SAME_POINT_M = 1e-6
 MARGIN_M = 1.0
 """Clearance of the end beyond which a lap is certainly the last, at least [m]."""
-
-
-class UncertainEnd(NamedTuple):
-    """Where a plan may or may not end: on a leg that passes the end, or misses it, by little.
-
-    Attributes
-    ----------
-    leg : int
-        Index of the leg.
-    flown_m : float
-        Distance flown along it to the end [m].
-    clearance_m : float
-        How far the leg passes the end [m]; negative where it misses it.
-    length_m : float
-        Length of the leg [m].
-    """
-
-    leg: int
-    flown_m: float
-    clearance_m: float
-    length_m: float
 
 
 class PlannedLegs(NamedTuple):
@@ -295,8 +259,6 @@ class Route:
     table : LegTable
     order : array of int, shape (legs,)
         Row of each leg in the table.
-    ends : tuple of UncertainEnd
-        Ends before the last leg's, in the order of their clearance.
     pieces : tuple of Leg or AlikeLaps
         The legs, those of laps that are alike together.
     runs : array of int, shape (legs,)
@@ -311,7 +273,6 @@ class Route:
 
     table: LegTable
     order: IntArray
-    ends: tuple[UncertainEnd, ...]
     pieces: tuple[Leg | AlikeLaps, ...]
     runs: IntArray
     scales: FloatArray
@@ -369,12 +330,11 @@ class Route:
 
     def after(self) -> Route:
         """The same without its first leg."""
-        ends = tuple(end._replace(leg=end.leg - 1) for end in self.ends if end.leg)
         pieces = self.pieces[1:] if isinstance(self.pieces[0], Leg) else self.legs[1:]
         passed = int(self.runs[1]) if len(self.runs) > 1 else 0
         runs, scales = self.runs[1:] - passed, self.scales[passed:]
         cursor = None if self.cursor is None else self.cursor.next()
-        return Route(self.table, self.order[1:], ends, pieces, runs, scales, self.beyond_m, cursor)
+        return Route(self.table, self.order[1:], pieces, runs, scales, self.beyond_m, cursor)
 
     @property
     def stages(self) -> IntArray:
@@ -401,8 +361,8 @@ class RoutePredictor:
         joined_m : (float, float)
             Where it was joined [m].
         margin_m : float
-            By how much the end of the plan has to be passed to be certain [m]. Ends that are passed by less, or missed
-            by less, are uncertain.
+            By how much the end of the plan has to be passed to be one [m]: an aircraft may miss one that is passed by
+            less.
 
         Raises
         ------
@@ -447,10 +407,11 @@ class RoutePredictor:
             made.start(cursor)
             end = cursor.end()
             for count, (leg, number) in enumerate(zip(legs, numbers, strict=True), 1):
-                cut = None
+                flown_m = math.inf
                 if end is not None and not end.at_trigger:
-                    cut = _cut_at_end(leg, len(made.rows), end, cursor.table.plan, margin_m, made.ends)
-                if cut is not None:
+                    flown_m = end_on(leg, end.final_m, end.shift_m, cursor.table.plan.final_radius_m, margin_m)
+                if flown_m < math.inf:
+                    cut = leg._replace(flown_m=flown_m)
                     (ox, oy), (x, y) = cut.offset_m, cut.start_m
                     share = cut.distance_m / cut.length_m if cut.length_m else 1.0
                     nodes = cut.track.nodes((x - ox, y - oy), cut.distance_m, share)
@@ -542,7 +503,6 @@ class _RouteMaker:
 
     def __init__(self, table: LegTable, first: PlanCursor) -> None:
         self.rows: list[int] = []
-        self.ends: list[UncertainEnd] = []
         self._table, self._first = table, first
         self._pieces: list[Leg | AlikeLaps] = []
         self._runs: list[int] = []
@@ -583,31 +543,11 @@ class _RouteMaker:
         """The route; see its `beyond_m`."""
         self._finish(last=True)
         order, runs = (np.array(numbers, dtype=np.intp) for numbers in (self.rows, self._runs))
-        ends, pieces, scales = tuple(self.ends), tuple(self._pieces), np.array(self._scales)
-        return Route(self._table, order, ends, pieces, runs, scales, beyond_m, self._first)
+        return Route(self._table, order, tuple(self._pieces), runs, np.array(self._scales), beyond_m, self._first)
 
 
-def _cut_at_end(
-    leg: Leg, number: int, end: PlanEnd, plan: Plan, margin_m: float, ends: list[UncertainEnd]
-) -> Leg | None:
-    """A leg up to where the plan ends on it; None where it does not, or not for certain.
-
-    An end that is uncertain is appended to `ends`, with the leg's `number`.
-    """
-    # the stage ends where its trigger fires: the next one passes what lies beyond
-    reach_m = leg.length_m - plan.radius_m(leg.stage)
-    flown_m, clearance_m = end_on(leg, end.final_m, end.shift_m, plan.final_radius_m, margin_m, reach_m)
-    if clearance_m == math.inf:
-        return leg._replace(flown_m=flown_m)
-    if clearance_m > -math.inf and all(before.clearance_m < clearance_m for before in ends):
-        ends.append(UncertainEnd(number, flown_m, clearance_m, leg.length_m))
-    return None
-
-
-def end_on(
-    leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: float, reach_m: float
-) -> tuple[float, float]:
-    """Where the plan ends on a leg, and by how much the leg passes that end.
+def end_on(leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: float) -> float:
+    """The distance flown along a leg on which the plan ends [m]; infinite where it does not end on it.
 
     Parameters
     ----------
@@ -617,26 +557,15 @@ def end_on(
     radius_m : float
         Radius across the shift [m].
     margin_m : float
-        By how much the end has to be passed to be certain [m]; at 0 or below every end is, and the plan ends as much
-        before.
-    reach_m : float
-        Distance along the leg within which an uncertain end counts [m].
-
-    Returns
-    -------
-    flown_m : float
-        Distance flown along the leg [m]; infinite where the plan does not end on it.
-    clearance_m : float
-        Infinite for an end that is certain; else within ±`margin_m` [m]; −inf without an end.
+        By how much the end has to be passed to be one [m].
     """
     sides = signs(shift)
     # a point of the leg is at most so far beyond the end: the way there and back is no longer than the leg
     ways = zip(sides, leg.start_m, leg.end_m, final, strict=True)
     most_m = min([(leg.length_m + side * (a - to) + side * (b - to)) / 2 for side, a, b, to in ways if side], default=0)
-    if not -abs(margin_m) < most_m < math.inf:
-        return math.inf, -math.inf
+    if not margin_m < most_m < math.inf:
+        return math.inf
     points = leg_points(leg._replace(flown_m=math.inf), END_STEP_M)
-    at_m = np.arange(len(points)) * (leg.length_m / (len(points) - 1))
     # how far each point is beyond the end along the shift, and within the radius across it
     beyond_m = aside_m = np.full(len(points), math.inf)
     for values, to, side in zip(points.T[:2], final, sides, strict=True):
@@ -644,21 +573,12 @@ def end_on(
             beyond_m = np.minimum(beyond_m, side * (values - to))
         else:
             aside_m = np.minimum(aside_m, radius_m - np.abs(values - to))
-
-    def first_m(slack_m: float) -> float:
-        """How far along the leg it is over, where as much before the end counts as beyond it."""
-        over_m = np.minimum(beyond_m + slack_m, aside_m)
-        i = int(np.argmax(over_m > ROUNDING_M))
-        if not over_m[i] > ROUNDING_M:
-            return math.inf
-        return float(np.interp(0.0, over_m[i - 1 : i + 1], at_m[i - 1 : i + 1])) if i else 0.0
-
-    if first_m(-margin_m) < math.inf:
-        return first_m(max(-margin_m, 0.0)), math.inf
-    clearance_m = float(np.max(beyond_m[(aside_m >= 0) & (at_m <= reach_m)], initial=-math.inf))
-    if not -margin_m < clearance_m:
-        return math.inf, -math.inf
-    return first_m(CLEARANCE_STEP_M + max(0.0, -clearance_m)), clearance_m
+    if not (np.minimum(beyond_m - margin_m, aside_m) > ROUNDING_M).any():
+        return math.inf
+    over_m = np.minimum(beyond_m, aside_m)
+    i = int(np.argmax(over_m > ROUNDING_M))
+    at_m = np.arange(len(points)) * (leg.length_m / (len(points) - 1))
+    return float(np.interp(0.0, over_m[i - 1 : i + 1], at_m[i - 1 : i + 1])) if i else 0.0
 
 
 def _place(cursor: PlanCursor) -> tuple[int, int, int]:

@@ -24,13 +24,12 @@ from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.route import Route, RouteArrays, leg_times_s
 from eadp.models.plan.stage import Leg, Stage, left_m
 from eadp.models.vehicle import PaperVehicle
-from eadp.planning.base import Ending, FlownLegs, Mission, PlannerSettings, TradeOff
+from eadp.planning.base import Ending, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import (
     LOSS_SQUARE,
-    FinalCharge,
+    MIN_STD,
     PowerLimits,
     RouteLoad,
-    moments,
     power_limits,
 )
 from eadp.planning.forecast.clearance import Homeward, after_leg, homeward, with_climbs
@@ -40,9 +39,6 @@ from eadp.planning.forecast.speed_to_fly import SpeedChoice, airspeeds_of, paces
 from eadp.planning.state.charge import charge_at_end
 from eadp.planning.state.known import Known, WindKnown, terms_of
 from eadp.planning.state.level_regression import WINDOW_S
-
-PASSED_S = 3.0
-"""An end that has been passed for this long without the flight having ended there is none [s]."""
 
 WIND_PRIOR_MPS = 4.0
 """Standard deviation of each component of the wind before anything is known of it: a mean speed of 5 m/s [m/s]."""
@@ -112,31 +108,6 @@ class Totals(NamedTuple):
     soc_per_j: FloatArray
 
 
-class UncertainEnds(NamedTuple):
-    """Earlier ends at which a flight may stop, before that of its last leg.
-
-    The probability of each, and the share of each leg that is not flown then, shape (legs,).
-    """
-
-    probabilities: tuple[float, ...]
-    unflown: tuple[FloatArray, ...]
-
-    def unspent(self, values: FloatArray) -> list[float]:
-        """What is not spent of the legs' `values`, times or energies, where the flight ends: 0 at the route's end.
-
-        The route's end is first, then each earlier end.
-        """
-        return [0.0, *(float(values @ unflown) for unflown in self.unflown)]
-
-    @property
-    def all_probabilities(self) -> tuple[float, ...]:
-        """Probability that the flight ends at the route's end, and at each earlier end, as `unspent` lists them."""
-        return (1.0 - sum(self.probabilities), *self.probabilities)
-
-
-CERTAIN = UncertainEnds((), ())
-
-
 class AutopilotsOwn(NamedTuple):
     """What an autopilot does on its own, of each route, shape (routes,); all 0 where none is known.
 
@@ -174,8 +145,6 @@ class Evaluation:
         Envelope of each leg.
     limits : PowerLimits
     totals : Totals
-    ends : list of UncertainEnds
-        Of each place.
     std : array, shape (places,)
         Standard deviation of the final state of charge with the reserve just kept.
     knapsack : Knapsack
@@ -197,7 +166,6 @@ class Evaluation:
     kinds: IntArray
     limits: PowerLimits
     totals: Totals
-    ends: list[UncertainEnds]
     std: FloatArray
     knapsack: Knapsack
     own: AutopilotsOwn
@@ -251,9 +219,10 @@ class Evaluation:
         """The optimal computations at each place, in closed form."""
         return fill_greedy(self.knapsack)
 
-    def shortfall(self, place: int) -> float:
-        """State of charge missing for minimum power at a place; 0 where it suffices."""
-        return max(0.0, -float((self.thriftiest or self).knapsack.spare[place]))
+    @property
+    def shortfall(self) -> float:
+        """State of charge missing for minimum power, of one place; 0 where it suffices."""
+        return max(0.0, -float((self.thriftiest or self).knapsack.spare[0]))
 
     def computing_w(self, shares: FloatArray) -> FloatArray:
         """Mean power of the computations on each leg with shares of the increments [W], shape (legs,)."""
@@ -262,66 +231,43 @@ class Evaluation:
         mean_w: FloatArray = powers_w[:, 0] + (np.diff(powers_w, axis=1) * shares).sum(axis=1)
         return mean_w
 
-    def expected_s(self, place: int) -> FloatArray:
-        """Time on each leg of a place times the probability that it is flown [s]."""
-        times_s, ends = self.load.times_s[self.legs.place == place], self.ends[place]
-        expected: FloatArray = times_s.copy()
-        for probability, unflown in zip(ends.probabilities, ends.unflown, strict=True):
-            expected -= probability * unflown * times_s
-        return expected
+    def final_charge(self, filling: Filling) -> NormalDist:
+        """State of charge at the end with computations as filled: after the autopilot's return from it."""
+        expected_loss = float(self.evaluator.losses(self.known, self.totals.seconds[0])) * LOSS
+        returning = float(self.totals.soc_per_j[0] * self.own.joules[0])
+        mean = self.known.soc - float(filling.use[0]) - expected_loss - returning
+        std = float(self.evaluator.charge_std(self.known, self.totals, mean)[0])
+        return NormalDist(mean, max(std, MIN_STD))
 
-    def final_charge(self, place: int, filling: Filling) -> FinalCharge:
-        """State of charge at the end at a place with computations as filled: a distribution."""
-        ends, soc_per_j = self.ends[place], float(self.totals.soc_per_j[place])
-        expected_loss = float(self.evaluator.losses(self.known, self.totals.seconds[place])) * LOSS
-        # at the route's end, and after the autopilot's return from it
-        last_soc = (
-            self.known.soc - float(filling.use[place]) - expected_loss - soc_per_j * float(self.own.joules[place])
-        )
-        # at an earlier end, the charge of the energy that is not spent is left, too
-        unspent_j = ends.unspent(self._energies_j(place, filling))
-        means = tuple([last_soc + soc_per_j * left_j for left_j in unspent_j])
-        mean_soc, _ = moments(ends.all_probabilities, means)
-        std = self.evaluator.charge_std(self.known, self.totals, mean_soc)[place]
-        return FinalCharge(float(std), ends.all_probabilities, means)
-
-    def forecast(self, place: int, filling: Filling) -> Ending:
-        """Forecast at a place with computations as filled: means and deviations over all ends that it may have.
+    def forecast(self, filling: Filling) -> Ending:
+        """Forecast with computations as filled.
 
         Probabilities are those with minimum power from now on, at the pace that leaves the most charge.
         """
-        ends, totals, charge = self.ends[place], self.totals, self.final_charge(place, filling)
-        times_s, energies_j = self.load.times_s[self.legs.place == place], self._energies_j(place, filling)
-        # to the route's end: the energy varies with the motion's power, and with the time
-        energy_j, seconds, time_var = float(energies_j.sum()), float(totals.seconds[place]), totals.time_var_s2[place]
-        energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(time_var)
-        # means and variances of the time and energy that are not spent where the flight ends earlier
-        early_s, early_var_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
-        unspent_j, unspent_var_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
+        totals, charge = self.totals, self.final_charge(filling)
+        # the energy varies with the motion's power, and with the time
+        energy_j = float((self.load.motion_w + self.computing_w(filling.shares)) @ self.load.times_s)
+        seconds, time_var = float(totals.seconds[0]), float(totals.time_var_s2[0])
+        energy_var = float(totals.energy_var_j2[0]) + (energy_j / seconds) ** 2 * time_var
         least = self.thriftiest or self
-        safest = least.final_charge(place, least.knapsack.filling(np.zeros_like(least.knapsack.use)))
+        safest = least.final_charge(least.knapsack.filling(np.zeros_like(least.knapsack.use)))
         # the cut-off voltage is reached, or the autopilot turns back
-        empty_soc = max(float(self.limits.delivered_soc[place]), 0.0, float(self.own.turns_back_soc[place]))
+        empty_soc = max(float(self.limits.delivered_soc[0]), 0.0, float(self.own.turns_back_soc[0]))
         return Ending(
-            remaining_s=seconds - early_s + float(self.own.seconds[place]),
-            remaining_std_s=math.sqrt(float(time_var) + early_var_s2),
-            energy_wh=(energy_j - unspent_j + float(self.own.joules[place])) / 3600,
-            energy_std_wh=math.sqrt(energy_var + unspent_var_j2) / 3600,
+            remaining_s=seconds + float(self.own.seconds[0]),
+            remaining_std_s=math.sqrt(time_var),
+            energy_wh=(energy_j + float(self.own.joules[0])) / 3600,
+            energy_std_wh=math.sqrt(energy_var) / 3600,
             soc_end=charge.mean,
-            soc_end_std=math.sqrt(charge.variance),
-            completes_probability=safest.probability_above(empty_soc),
-            reserve_probability=safest.probability_above(max(self.evaluator.objective.reserve_soc, empty_soc)),
+            soc_end_std=charge.stdev,
+            completes_probability=1 - safest.cdf(empty_soc),
+            reserve_probability=1 - safest.cdf(max(self.evaluator.objective.reserve_soc, empty_soc)),
         )
 
-    def reserve_soc(self, place: int) -> float:
-        """State of charge to keep at the end of a place: the reserve, or that below which the autopilot turns back."""
-        return max(self.evaluator.objective.reserve_soc, float(self.own.turns_back_soc[place]))
-
-    def _energies_j(self, place: int, filling: Filling) -> FloatArray:
-        """Energy on each leg of a place with computations as filled [J]."""
-        powers_w = self.load.motion_w + self.computing_w(filling.shares)
-        energies: FloatArray = (powers_w * self.load.times_s)[self.legs.place == place]
-        return energies
+    @property
+    def reserve_soc(self) -> float:
+        """State of charge to keep at the end: the reserve, or that below which the autopilot turns back."""
+        return max(self.evaluator.objective.reserve_soc, float(self.own.turns_back_soc[0]))
 
 
 class Evaluator:
@@ -354,6 +300,7 @@ class Evaluator:
         rho = mission.plan.path_count
         self._path_weights = np.array([weights[:rho] for weights in of_stages]).reshape(len(of_stages), rho)
         self._counted = np.array([weights.sum() for weights in of_stages])
+        self._excess_s = np.array([mission.excess.get(stage, (0.0, 0.0)) for stage in stages])
         self._way_home: tuple[Autopilot | None, WayHome | None] = (None, None)
         self._scale_s = 0.0  # of the objective `total`; 0 until the first evaluation
         self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
@@ -436,19 +383,11 @@ class Evaluator:
         own_mps = legs.rows.airspeeds_mps[legs.order]
         flown_mps = np.where(np.isnan(own_mps), others_mps, own_mps)
         in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, others_mps, winds_mps)
-        # a leg that the aircraft cannot follow takes longer than its path: by as much in each wind as in the estimated
-        # at another airspeed, too
-        followed = at_cruise = FlownLegs(in_winds_s[0], turning_s[0])
-        nominal = self.mission.nominal
-        if nominal is not None and airspeeds_mps is not None:
-            cruise = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps[:1])
-            at_cruise = FlownLegs(cruise[0][0], cruise[1][0])
-        flown = at_cruise if nominal is None else nominal.flown(routes, known.wind.mps, at_cruise)
-        overshot = flown is not at_cruise
-        turning_s = flown.turning_s if at_cruise is followed else followed.turning_s
-        if overshot:
-            finite = np.isfinite(at_cruise.times_s)
-            in_winds_s = in_winds_s + np.where(finite, flown.times_s, 0.0) - np.where(finite, at_cruise.times_s, 0.0)
+        # a leg that the aircraft cannot follow takes longer than its path: in each wind and at each airspeed as before
+        # take-off
+        excess_s, excess_turning_s = self._excess_s[legs.stages - 1].T
+        in_winds_s = in_winds_s + excess_s
+        turning_s = np.maximum(turning_s[0] + excess_turning_s, 0.0)
         # routes that cannot be flown are left out
         flyable = np.isfinite(legs.sums(in_winds_s[0]))
         if not flyable.all():
@@ -460,8 +399,7 @@ class Evaluator:
             return replace(rest, index=index[rest.index])
         # mean times over the wind's distribution; of the first leg of each route only a part is left
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
-        if overshot:
-            wind_var += (OVERSHOOT_SHARE * flown.excess_s / legs.sums(in_winds_s[0])) ** 2
+        wind_var += OVERSHOOT_SHARE**2 * legs.sums(excess_s**2) / legs.sums(in_winds_s[0]) ** 2
         whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s * factor[legs.place]
         left = self._left(known, legs, routes, whole_s)
         part = np.ones(len(whole_s))
@@ -477,7 +415,7 @@ class Evaluator:
         peak_w = motion_w
         if known.climb is not None:
             times_s, motion_w, peak_w = self._climbed(
-                known, routes, flown_mps, followed.times_s * factor[legs.place], times_s, motion_w
+                known, routes, flown_mps, (in_winds_s[0] - excess_s) * factor[legs.place], times_s, motion_w
             )
         # the peak is above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
@@ -512,7 +450,6 @@ class Evaluator:
         slope = current_slope_a_per_w(totals.mean_w, mean_v, battery.resistance_ohm)
         totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio * slope)
         # the charge at the end, and what it leaves for the computations
-        ends = [_ends(known, route, share) for route, share in zip(routes, left.tolist(), strict=True)]
         own = self._own(known, routes, legs, load, totals)
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
         use, values = self._vertex_use(legs, load, kinds, limits, totals), self.envelopes.table.values[kinds]
@@ -524,10 +461,10 @@ class Evaluator:
             place=legs.place,
             base_use=base_use,
             base_value=base + legs.sums(weight * values[:, 0]),
-            available=self._available(known, legs, load, limits, totals, ends, std, base_use, own),
+            available=self._available(known, limits, totals, std, base_use, own),
         )
         index = np.arange(len(routes))
-        return Evaluation(self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, knapsack, own)
+        return Evaluation(self, known, list(routes), index, legs, load, kinds, limits, totals, std, knapsack, own)
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
         """Share of the first leg of each route that is left, shape (routes,); `whole_s` are the times of whole legs."""
@@ -543,16 +480,16 @@ class Evaluator:
 
         The time since its start distinguishes the turns of a circle, and stands in where the path has no value.
         """
-        flown = min(1.0, (known.time_s - known.since_s) / max(leg_s, 1e-9))
+        flown = min(1.0, (known.time_s - known.joined.time_s) / max(leg_s, 1e-9))
         if leg.distance_m <= 0:
             return 0.0
-        if known.rejoins_at_start:  # straight to its start
+        if known.joined.rejoins_at_start:  # straight to its start
             return 1.0 + math.dist(known.position_m, leg.start_m) / leg.distance_m
-        if known.rejoins_at_start is False:
+        if known.joined.rejoins_at_start is False:
             return math.dist(known.position_m, leg.end_m) / leg.distance_m
         try:
             # the leg may be joined before its start, by up to the radius of the trigger of the stage before
-            early_m = self.mission.plan.max_radius_m if known.stages_started > 1 else 0.0
+            early_m = self.mission.plan.max_radius_m if known.joined.stages_started > 1 else 0.0
             return left_m(leg, known.position_m, flown * leg.distance_m, early_m) / leg.distance_m
         except PathUndefined:
             return 1.0 - flown
@@ -714,11 +651,8 @@ class Evaluator:
     def _available(
         self,
         known: Known,
-        legs: RouteArrays,
-        load: RouteLoad,
         limits: PowerLimits,
         totals: Totals,
-        ends: list[UncertainEnds],
         std: FloatArray,
         base_use: FloatArray,
         own: AutopilotsOwn,
@@ -727,19 +661,14 @@ class Evaluator:
 
         `base_use` is what minimum power uses of it.
         """
-        # the charge less the expected losses, and what the autopilot's return takes; and the level that it exceeds with
-        # the probability if nothing is used
+        # the charge less the expected losses, and what the autopilot's return takes: the level that it exceeds with the
+        # probability if nothing is used
         soc = known.soc - self.losses(known, totals.seconds) * LOSS - totals.soc_per_j * own.joules
-        level = soc - self.quantile * std
-        for place, of_place in enumerate(ends):
-            if of_place.probabilities:
-                mine = legs.place == place
-                # at an earlier end the energy of the legs after it is left: at least that of minimum power
-                unspent = of_place.unspent(((load.motion_w + load.min_w) * load.times_s)[mine])
-                means = tuple([float(soc[place]) + float(totals.soc_per_j[place]) * energy_j for energy_j in unspent])
-                charge = FinalCharge(float(std[place]), of_place.all_probabilities, means)
-                level[place] = charge.level(self.objective.probability)
-        available = level - np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
+        available = (
+            soc
+            - self.quantile * std
+            - np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
+        )
         # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
         # minimum power uses is available, less the excess
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j
@@ -790,27 +719,3 @@ def _sigma_points(wind: WindKnown, airspeed_mps: float) -> FloatArray:
     lengths = np.hypot(points[:, 0], points[:, 1])
     limited: FloatArray = points * np.minimum(1.0, max_mps / np.maximum(lengths, 1e-9))[:, None]
     return limited
-
-
-def _ends(known: Known, route: Route, left: float) -> UncertainEnds:
-    """The uncertain ends of a route that are ahead; `left` is the remaining share of its first leg."""
-    if not route.ends:
-        return CERTAIN
-    cross_track_error = NormalDist(0.0, known.reach_std_m)
-    # ends are in the order in which they are reached, each with a greater clearance. The flight ends at the first whose
-    # clearance exceeds the error: with probability Φ(clearance/σ) − Φ(clearance of the end before/σ) at each
-    reached_before, probabilities, unflown_of_ends = 0.0, [], []
-    for end in route.ends:
-        ahead_m = end.length_m * (left if end.leg == 0 else 1.0)
-        unflown_m = end.length_m - end.flown_m
-        # behind the aircraft already
-        if ahead_m - unflown_m < -PASSED_S * known.airspeed_mps:
-            continue
-        unflown = np.zeros(len(route.order))
-        unflown[end.leg] = min(1.0, unflown_m / max(ahead_m, 1e-6))
-        unflown[end.leg + 1 :] = 1.0
-        reached = cross_track_error.cdf(end.clearance_m)
-        probabilities.append(reached - reached_before)
-        unflown_of_ends.append(unflown)
-        reached_before = reached
-    return UncertainEnds(tuple(probabilities), tuple(unflown_of_ends))

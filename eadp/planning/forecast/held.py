@@ -10,21 +10,13 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
-from eadp.models.plan.route import MARGIN_M, PlannedLegs, Route, RoutePredictor
+from eadp.models.plan.route import PlannedLegs, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
 from eadp.planning.forecast.home import Reach, home_ending, latest_turn_back, reach
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
-
-NAVIGATION_STDS = 2.5
-"""Ends that are passed, or missed, by more than so many standard deviations of the navigation are certain."""
-
-
-def margin_m(known: Known) -> float:
-    """By how much the end of the plan has to be passed to be certain [m]; 0 where it is."""
-    return max(MARGIN_M, NAVIGATION_STDS * known.reach_std_m) if known.reach_std_m > 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -74,37 +66,36 @@ class Preflight:
     @classmethod
     def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
         """The forecast by an evaluation of one place: with the path of `parameters`, and computations as filled."""
-        place, route, evaluator = 0, evaluation.routes[0], evaluation.evaluator
+        route, evaluator = evaluation.routes[0], evaluation.evaluator
         plan = evaluator.mission.plan
         means = _mean_computations(evaluation, filling, route, plan.path_count)
         names = dict(zip(plan.names, (*parameters[: plan.path_count], *means), strict=True))
         # U counts parameters with a choice: there is no U where no stage has any
         counted = any(evaluator.envelopes.shares.scaled(stage).any() for stage in route.stages.tolist())
-        quality = float(filling.value[place]) if counted else None
-        forecast, feasible = evaluation.forecast(place, filling), bool(filling.feasible[place])
-        expected_s = evaluation.expected_s(place)
+        quality = float(filling.value[0]) if counted else None
+        feasible, times_s = bool(filling.feasible[0]), evaluation.load.times_s
         computing_w = evaluation.computing_w(filling.shares)
         powers_w = evaluation.load.motion_w + computing_w
         # sums over the legs of each stage, from 1; index 0 is none
-        seconds, energies_j = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
+        seconds, energies_j = (np.bincount(route.stages, values) for values in (times_s, powers_w * times_s))
         return cls(
             parameters=names,
             decided=parameters,
-            forecast=forecast,
+            forecast=evaluation.forecast(filling),
             feasible=feasible,
             quality=quality,
             stages={i: (float(seconds[i]), float(energies_j[i]) / 3600) for i in np.unique(route.stages).tolist()},
-            computing_wh=float(computing_w @ expected_s) / 3600,
+            computing_wh=float(computing_w @ times_s) / 3600,
             evaluated=(evaluation, filling),
-            reach=None if feasible else reach(evaluation, place, filling),
-            turns_back_soc=float(evaluation.own.turns_back_soc[place]),
+            reach=None if feasible else reach(evaluation, filling),
+            turns_back_soc=float(evaluation.own.turns_back_soc[0]),
         )
 
     @cached_property
     def turn_back(self) -> Reach | None:
         """The latest turn back, where there is a home; it takes most of the time of a forecast."""
         evaluation, filling = self.evaluated
-        return latest_turn_back(evaluation, 0, filling)
+        return latest_turn_back(evaluation, filling)
 
     @property
     def autopilot_text(self) -> str:
@@ -177,7 +168,7 @@ class HeldForecast:
             settings = replace(self._settings, levels=levels)
             self._evaluators[computing] = Evaluator(self._mission, settings, Objective(settings.reserve_soc))
         cursor = known.cursor.decide(parameters)
-        route = self._predictor.route(cursor, known.joined_m, margin_m(known))
+        route = self._predictor.route(cursor, known.joined.position_m, known.margin_m)
         return self._evaluators[computing].evaluate(known, [route])
 
     def at(self, known: Known, parameters: Vector) -> Ending | None:
@@ -187,8 +178,8 @@ class HeldForecast:
         except PathUndefined:
             return None
         if known.returns_home:
-            return home_ending(found, 0)
-        return found.forecast(0, found.filled())
+            return home_ending(found)
+        return found.forecast(found.filled())
 
 
 def before_take_off(

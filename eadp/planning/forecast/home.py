@@ -1,10 +1,14 @@
-"""The way home: a turn, straight lines and what ends it, with the computations of minimum power."""
+"""The way home: a turn, straight lines and what ends it, with the computations of minimum power.
+
+All functions are of an evaluation of one place.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -14,60 +18,50 @@ from eadp.core.geometry.curves import Point
 from eadp.models.battery import LOSS
 from eadp.models.plan.stage import leg_points
 from eadp.planning.base import Ending
-from eadp.planning.forecast.battery_limits import FinalCharge
+from eadp.planning.forecast.battery_limits import MIN_STD
 from eadp.planning.forecast.clearance import Homeward, after_leg
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.charge import after_drain
-from eadp.planning.state.known import Known
 
-MIN_STEP_M, STEPS, IN_FLIGHT = 20.0, 500, 60
-"""Points of a route at which the way home is forecast: their least distance [m], and about how many at most, before
-take-off and in flight."""
+STEP_M = 20.0
+"""Accuracy of a place on a route [m]."""
 
 
-def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j: float = 0.0) -> float | None:
+def home_spare(evaluation: Evaluation, flown_s: float = 0.0, flown_j: float = 0.0) -> float | None:
     """Charge above the reserve after a flight home from here, with the reserve's probability; None without a home.
 
     Parameters
     ----------
     evaluation : Evaluation
         Of the plan from here on.
-    place : int
     flown_s, flown_j : float
         Time [s] and energy [J] that are forecast to the position and charge known, for their deviations.
     """
-    way = _way(evaluation, place)
+    way = _way(evaluation)
     if way is None:
         return None
-    return _spare(evaluation, place, way, flown_s, flown_j) if math.isfinite(way.seconds) else -math.inf
+    return _spare(evaluation, way, flown_s, flown_j) if math.isfinite(way.seconds) else -math.inf
 
 
-def _way(evaluation: Evaluation, place: int) -> Homeward | None:
+def _way(evaluation: Evaluation) -> Homeward | None:
     """The way home from where an evaluation starts; None without a home."""
-    min_w = float(evaluation.load.min_w[evaluation.legs.place == place].min())
-    return evaluation.evaluator.homeward(evaluation.known, min_w)
+    return evaluation.evaluator.homeward(evaluation.known, float(evaluation.load.min_w.min()))
 
 
-def _spare(evaluation: Evaluation, place: int, way: Homeward, flown_s: float, flown_j: float) -> float:
+def _spare(evaluation: Evaluation, way: Homeward, flown_s: float, flown_j: float) -> float:
     """Charge above the reserve, with the reserve's probability, after a way from here.
 
     The standard deviation is that of the whole flight: `flown_s` and `flown_j` are time and energy up to here.
     """
-    final = _final_charge(evaluation, place, way, flown_s, flown_j)
-    objective = evaluation.evaluator.objective
-    return float(final.level(objective.probability) - objective.reserve_soc)
+    final, objective = _final_charge(evaluation, way, flown_s, flown_j), evaluation.evaluator.objective
+    return final.mean - evaluation.evaluator.quantile * final.stdev - objective.reserve_soc
 
 
-def _final_charge(
-    evaluation: Evaluation, place: int, way: Homeward, flown_s: float = 0.0, flown_j: float = 0.0
-) -> FinalCharge:
+def _final_charge(evaluation: Evaluation, way: Homeward, flown_s: float = 0.0, flown_j: float = 0.0) -> NormalDist:
     """State of charge after a way from here, see `_spare`."""
     evaluator, known, (seconds, power_w, _) = evaluation.evaluator, evaluation.known, way
-    battery = evaluator.mission.battery
-    volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
-    drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
-    then = after_drain(known.charge.filtered, drain)
+    then = after_drain(known.charge.filtered, _drain_per_s(evaluation, power_w) * seconds)
     # from here on of the whole flight, the part up to here included: time, energy and their variances
     energy_j, seconds = flown_j + power_w * seconds, flown_s + seconds
     mean_w = energy_j / seconds if seconds > 0 else power_w
@@ -78,37 +72,41 @@ def _final_charge(
         energy_var_j2=np.array(seconds**2 * motion.var_level + motion.noise * seconds),  # t² var a + v t
         charge_var=np.array(then.var_soc),
         mean_w=np.array(mean_w),
-        soc_per_j=evaluation.totals.soc_per_j[place],
+        soc_per_j=evaluation.totals.soc_per_j[0],
     )
     soc = then.soc - losses * LOSS
-    return FinalCharge(float(evaluator.charge_std(known, totals, soc)), means=(soc,))
+    return NormalDist(soc, max(float(evaluator.charge_std(known, totals, soc)), MIN_STD))
 
 
-def can_fall(evaluation: Evaluation, place: int, seconds: float) -> float:
+def _drain_per_s(evaluation: Evaluation, power_w: float) -> float:
+    """State of charge that a power takes in a second at the charge now, as predicted."""
+    battery, soc = evaluation.evaluator.mission.battery, evaluation.known.soc
+    volts = battery.voltage_at(min(max(soc, 0.0), 1.0))
+    return float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as))
+
+
+def can_fall(evaluation: Evaluation, seconds: float) -> float:
     """How far the charge to spare for the way home can fall in a time [s]: what power can draw in it.
 
     The greatest power here, and that of level flight on the way home, which gets longer: against the wind, where the
     wind has carried the aircraft away.
     """
-    known, battery = evaluation.known, evaluation.evaluator.mission.battery
-    wind_mps = math.hypot(*known.wind.mps)
+    known, wind_mps = evaluation.known, math.hypot(*evaluation.known.wind.mps)
     away_mps, back_mps = known.airspeed_mps + wind_mps, max(known.airspeed_mps - wind_mps, 1e-3)
-    volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
-    here_w = known.motion.max_w + float(evaluation.load.max_w[evaluation.legs.place == place].max())
-    drawn = sum(
-        seconds * share * float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as))
-        for power_w, share in ((here_w, 1.0), (known.motion.level_w, away_mps / back_mps))
+    here_w = known.motion.max_w + float(evaluation.load.max_w.max())
+    drawn_per_s = (
+        _drain_per_s(evaluation, here_w) + _drain_per_s(evaluation, known.motion.level_w) * away_mps / back_mps
     )
-    return float(drawn * known.charge.filtered.use_ratio)
+    return seconds * drawn_per_s * known.charge.filtered.use_ratio
 
 
-def home_ending(evaluation: Evaluation, place: int) -> Ending | None:
+def home_ending(evaluation: Evaluation) -> Ending | None:
     """Forecast of the way home from here; None without one."""
-    way = _way(evaluation, place)
+    way = _way(evaluation)
     if way is None or not math.isfinite(way.seconds):
         return None
     seconds, energy_j = way.seconds, way.seconds * way.power_w
-    known, charge = evaluation.known, _final_charge(evaluation, place, way)
+    known, charge = evaluation.known, _final_charge(evaluation, way)
     time_var = seconds**2 * known.time.variance + known.time.noise_s * seconds
     energy_var = seconds**2 * known.motion.var_level + known.motion.noise * seconds + way.power_w**2 * time_var
     return Ending(
@@ -117,9 +115,9 @@ def home_ending(evaluation: Evaluation, place: int) -> Ending | None:
         energy_wh=energy_j / 3600,
         energy_std_wh=math.sqrt(energy_var) / 3600,
         soc_end=charge.mean,
-        soc_end_std=math.sqrt(charge.variance),
-        completes_probability=charge.probability_above(0.0),
-        reserve_probability=charge.probability_above(evaluation.evaluator.objective.reserve_soc),
+        soc_end_std=charge.stdev,
+        completes_probability=1 - charge.cdf(0.0),
+        reserve_probability=1 - charge.cdf(evaluation.evaluator.objective.reserve_soc),
     )
 
 
@@ -136,86 +134,81 @@ class Reach(NamedTuple):
     home_s: float = 0.0
 
 
-def latest_turn_back(evaluation: Evaluation, place: int, filling: Filling, points: int = STEPS) -> Reach | None:
+def latest_turn_back(evaluation: Evaluation, filling: Filling) -> Reach | None:
     """The latest turn back that keeps the reserve with its probability; None without a home, or if there is none.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-    place : int
-    filling : Filling
-        Computations planned.
-    points : int
-        How many points of the route to try, about.
+    `filling` are the computations planned.
     """
     if evaluation.evaluator.mission.way_home is None:
         return None
-
-    def spare(there: Evaluation, *flown: float) -> float:
-        return home_spare(there, place, *flown) or 0.0
-
-    found = _last_point(evaluation, place, filling, spare, points)
+    found = _last_point(evaluation, filling, lambda there, *flown: home_spare(there, *flown) or 0.0)
     if found is None:
         return None
-    at, known = found
-    way = _way(replace(evaluation, known=known), place)
+    at, there = found
+    way = _way(there)
     return at._replace(home_s=at.time_s + (0.0 if way is None else way.seconds))
 
 
-def reach(evaluation: Evaluation, place: int, filling: Filling) -> Reach | None:
+def reach(evaluation: Evaluation, filling: Filling) -> Reach | None:
     """The last place of a planned route at which the reserve is left with its probability; None if there is none.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-    place : int
-    filling : Filling
-        Computations planned.
+    `filling` are the computations planned.
     """
     here = Homeward(0.0, 0.0)
-    found = _last_point(evaluation, place, filling, lambda there, *flown: _spare(there, place, here, *flown), STEPS)
+    found = _last_point(evaluation, filling, lambda there, *flown: _spare(there, here, *flown))
     return None if found is None else found[0]
 
 
 def _last_point(
-    evaluation: Evaluation,
-    place: int,
-    filling: Filling,
-    spare: Callable[[Evaluation, float, float], float],
-    points: int,
-) -> tuple[Reach, Known] | None:
-    """The last point of a route at which `spare` is 0 or more, and what is known there; None if it is nowhere.
+    evaluation: Evaluation, filling: Filling, spare: Callable[[Evaluation, float, float], float]
+) -> tuple[Reach, Evaluation] | None:
+    """The last point of a route at which `spare` is 0 or more, and the evaluation there; None if it is nowhere.
 
-    It is none after the autopilot has turned back by itself.
+    It is none after the autopilot has turned back by itself. The last leg that ends at such a point is looked for from
+    the end, then the point on the leg after it by halving, as the charge to spare falls along a leg.
 
-    The route is flown from point to point as forecast: the charge is drained by the mean power of each leg. `spare` is
-    a function of the evaluation with what is known at a point, and of the time [s] and the energy [J] flown to it.
+    The route is flown as forecast: the charge is drained by the mean power of each leg. `spare` is a function of the
+    evaluation with what is known at a point, and of the time [s] and the energy [J] flown to it.
     """
-    known, battery = evaluation.known, evaluation.evaluator.mission.battery
-    last = (Reach(known.time_s, known.position_m, 0.0, 0.0), known) if spare(evaluation, 0.0, 0.0) >= 0 else None
-    mine, legs = evaluation.legs.place == place, evaluation.routes[place].legs
-    powers_w = (evaluation.load.motion_w + evaluation.computing_w(filling.shares))[mine]
-    times_s = evaluation.load.times_s[mine]
-    mean_w = float(evaluation.totals.mean_w[place])
-    total_m, total_j = sum(leg.distance_m for leg in legs), float(powers_w @ times_s)
+    known, evaluator, legs = evaluation.known, evaluation.evaluator, evaluation.routes[0].legs
+    battery, times_s, mean_w = evaluator.mission.battery, evaluation.load.times_s, float(evaluation.totals.mean_w[0])
+    powers_w = evaluation.load.motion_w + evaluation.computing_w(filling.shares)
+    drains = drain_per_s(powers_w, evaluation.limits.volts, battery.resistance_ohm, battery.drain_per_as) * times_s
+    # of each leg: time [s], energy [J], charge predicted and way [m]; and up to its end
+    of_legs = np.array([times_s, powers_w * times_s, drains, [leg.distance_m for leg in legs]])
+    to_ends = of_legs.cumsum(axis=1)
+    _, total_j, _, total_m = to_ends[:, -1].tolist()
+
+    def at(i: int, share: float) -> tuple[Reach, Evaluation]:
+        """The point at a share of a leg, and the evaluation there."""
+        flown_s, flown_j, drain, flown_m = (to_ends[:, i] - (1 - share) * of_legs[:, i]).tolist()
+        # of two points, the last
+        x, y = leg_points(legs[i]._replace(flown_m=share * legs[i].distance_m), math.inf)[-1, :2].tolist()
+        charge = known.charge._replace(filtered=after_drain(known.charge.filtered, drain))
+        there = after_leg(known, legs[i])._replace(position_m=(x, y), charge=charge)
+        reached = Reach(known.time_s + flown_s, there.position_m, flown_m / total_m, flown_j / total_j)
+        return reached, replace(evaluation, known=there)
+
+    def gives_up(i: int, share: float) -> bool:
+        return evaluator.gives_up(at(i, share)[1].known, legs[i].stage, mean_w)
+
+    def is_enough(i: int, share: float) -> bool:
+        """Whether the charge at a share of a leg is enough."""
+        reached, there = at(i, share)
+        flown = reached.time_s - known.time_s, reached.energy_share * total_j
+        return there.known.soc > 0 and not gives_up(i, share) and spare(there, *flown) >= 0
+
+    starts = spare(evaluation, 0.0, 0.0) >= 0
+    last = (Reach(known.time_s, known.position_m, 0.0, 0.0), evaluation) if starts else None
     if not (total_m > 0 and total_j > 0):  # at the plan's end already
         return last
-    step_m = max(MIN_STEP_M, total_m / points)
-    filtered, flown_s, flown_j, flown_m = known.charge.filtered, 0.0, 0.0, 0.0
-    for leg, power_w, leg_s in zip(legs, powers_w.tolist(), times_s.tolist(), strict=True):
-        ahead = leg_points(leg, step_m)[1:, :2].tolist()
-        step_s = leg_s / max(len(ahead), 1)
-        for x, y in ahead:
-            volts = battery.voltage_at(min(max(filtered.soc, 0.0), 1.0))
-            drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * step_s
-            filtered, flown_s, flown_j = after_drain(filtered, drain), flown_s + step_s, flown_j + power_w * step_s
-            flown_m += leg.distance_m / len(ahead)
-            if filtered.soc <= 0:
-                return last
-            position = x, y
-            there = after_leg(known, leg)._replace(position_m=position, charge=known.charge._replace(filtered=filtered))
-            if evaluation.evaluator.gives_up(there, leg.stage, mean_w):
-                return last
-            if spare(replace(evaluation, known=there), flown_s, flown_j) >= 0:
-                last = Reach(known.time_s + flown_s, position, flown_m / total_m, flown_j / total_j), there
-    return last
+    of_own = known.autopilot.kind is not None
+    count = next((i for i in range(len(legs)) if of_own and gives_up(i, 1.0)), len(legs))
+    whole = next((i + 1 for i in reversed(range(count)) if is_enough(i, 1.0)), 0)
+    low, high = 0.0, 1.0
+    while whole < len(legs) and (high - low) * legs[whole].distance_m > STEP_M:
+        middle = (low + high) / 2
+        low, high = (middle, high) if is_enough(whole, middle) else (low, middle)
+    if low > 0:
+        return at(whole, low)
+    return at(whole - 1, 1.0) if whole else last

@@ -42,9 +42,9 @@ from eadp.planning.base import (
 )
 from eadp.planning.forecast.evaluate import LAST_CHANGE_S, ROUNDING, Evaluation, Evaluator, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
-from eadp.planning.forecast.home import IN_FLIGHT, can_fall, home_spare, latest_turn_back
+from eadp.planning.forecast.home import can_fall, home_spare, latest_turn_back
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint.policy import EARLY_S, SETTLED_S, Places, Policy
+from eadp.planning.joint.policy import SETTLED_S, Places, Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
@@ -262,26 +262,12 @@ class JointPlanner(Planner):
         if not self._paced:
             return self._search_path(known, kept)
         shares = self._places.shares
-        least = kept and kept.at_thriftiest
-        found = self._search_path(known, least) if self._places.open else None
+        found = self._search_path(known, kept and kept.at_thriftiest) if self._places.open else None
         if found is None:
             return self._decide_pace(known, shares)
-        stays = least is not None and self._stays_early(known, least, found)
-        return self._decide_pace(known, shares if stays else found.shares, found.in_reach, early=stays)
+        return self._decide_pace(known, found.shares, found.in_reach)
 
-    def _stays_early(self, known: Known, least: Candidate, found: Candidate) -> bool:
-        """Whether a path that another is to replace stays while it is in reach, as computations do; see `EARLY_S`.
-
-        Not in the forecast before take-off, which is of what can be promised.
-        """
-        if not 0 < known.time_s < EARLY_S or self._losses > 0 or found.shares == least.shares:
-            return False
-        later = fill_greedy(least.evaluation.later)
-        return bool(later.feasible[0]) and float(later.value[0]) > found.solution.value
-
-    def _decide_pace(
-        self, known: Known, shares: Shares, in_reach: float = -math.inf, *, early: bool = False
-    ) -> Candidate | None:
+    def _decide_pace(self, known: Known, shares: Shares, in_reach: float = -math.inf) -> Candidate | None:
         """The plan at a place and the best pace; None where it cannot be flown.
 
         It is the fastest at which its value is as great, or its shortfall as small, as at any: by the smaller margin of
@@ -304,22 +290,16 @@ class JointPlanner(Planner):
             good = fill_greedy(evaluation.later).as_good(SAME_VALUE)
             good = good if good[0] == 0 else filling.as_good(SAME_VALUE)
             pace_mps = self._policy.pace(known.time_s, self._places.pace_mps, [paces[i] for i in good.tolist()])
-        return self._at_pace(known, shares, pace_mps, thriftiest_mps, early=early)
+        return self._at_pace(known, shares, pace_mps, thriftiest_mps)
 
-    def _at_pace(
-        self, known: Known, shares: Shares, pace_mps: float, thriftiest_mps: float, *, early: bool = False
-    ) -> Candidate | None:
-        """The plan at a place and a pace, beside the one that leaves the most charge; None where it cannot be flown.
-
-        With `early` the smaller margin of what can still change is enough for it to be feasible.
-        """
+    def _at_pace(self, known: Known, shares: Shares, pace_mps: float, thriftiest_mps: float) -> Candidate | None:
+        """The plan at a place and a pace, beside the one that leaves the most charge; None where it cannot be flown."""
         plan = least = self._plan(known, shares, pace_mps)
         if thriftiest_mps != pace_mps:
             least = self._plan(known, shares, thriftiest_mps)
         if plan is None or least is None:
             return None
-        thriftiest = replace(least.evaluation, knapsack=least.evaluation.later) if early else least.evaluation
-        evaluation = replace(plan.evaluation, thriftiest=thriftiest)
+        evaluation = replace(plan.evaluation, thriftiest=least.evaluation)
         return Candidate(shares, evaluation, Solution(fill_greedy(evaluation.adaptive), ""), pace_mps, thriftiest_mps)
 
     def _search_path(self, known: Known, kept: Candidate | None) -> Candidate | None:
@@ -336,14 +316,14 @@ class JointPlanner(Planner):
         found = kept
         if not (feasible and best.value <= threshold):
             found = self._plan(known, best.shares, pace_mps) or kept
-            if kept and found and not best.feasible and not self._less_short(kept, found.evaluation.shortfall(0)):
+            if kept and found and not best.feasible and not self._less_short(kept, found.evaluation.shortfall):
                 found = kept
         return found and found._replace(in_reach=search.in_reach)
 
     def _less_short(self, kept: Candidate, shortfall: float) -> bool:
         """Whether a shortfall of charge is less than the shortfall of the plan in force, by more than rounding."""
         std = float(kept.evaluation.std[0])
-        return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
+        return shortfall <= kept.evaluation.shortfall - BETTER * std
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
         """Whether to search the path: at first, when charge was lost, newly short, or of another value.
@@ -388,9 +368,7 @@ class JointPlanner(Planner):
         """The computations to fly with now by a plan; asking changes nothing."""
         before, evaluator = self._decision.parameters, plan.evaluation.evaluator
         now_w = self._power_w(plan.evaluation, before)
-        computations, lasts_s = self._policy.computations(
-            o.time_s, now_w, plan.evaluation, plan.solution, lost=self._losses > 0
-        )
+        computations, lasts_s = self._policy.computations(o.time_s, now_w, plan.evaluation, plan.solution)
         after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
         # no fall where the stage, by its trade-offs, allows no more power
         max_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]
@@ -421,7 +399,7 @@ class JointPlanner(Planner):
         returns_home = self._update_home(o.time_s, plan)
         waits = None  # the latest turn back
         if self._mission.live and not returns_home:
-            waits = latest_turn_back(plan.evaluation, 0, solution.filling, IN_FLIGHT)
+            waits = latest_turn_back(plan.evaluation, solution.filling)
         if returns_home:
             reason = TURNS_BACK + reason
         elif waits is not None and not solution.feasible:
@@ -451,13 +429,13 @@ class JointPlanner(Planner):
         It is time where the plan is infeasible, the way home is short of less charge than the plan, if of any, and home
         may be out of reach by the next re-planning.
         """
-        (_, reached_s), spare = self._home, home_spare(plan.evaluation, 0)
+        (_, reached_s), spare = self._home, home_spare(plan.evaluation)
         self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
         way_home = self._mission.way_home
         if spare is None or way_home is None or not way_home.turns_back or plan.solution.feasible:
             return False
-        less_short = spare > -plan.evaluation.shortfall(0)
-        return less_short and spare < can_fall(plan.evaluation, 0, self._next_s - time_s)
+        less_short = spare > -plan.evaluation.shortfall
+        return less_short and spare < can_fall(plan.evaluation, self._next_s - time_s)
 
     # --- records
 
@@ -473,9 +451,9 @@ class JointPlanner(Planner):
             flown = flown if self._mission.plan.path_count < len(chosen) else ""
             if beyond_w > 0:
                 return f"{since}{beyond_w:.1f} W more than the battery can deliver on the way{flown}"
-            short = evaluation.shortfall(0)
+            short = evaluation.shortfall
             short_wh = short * battery.capacity_ah * battery.voltage_at(max(known.soc, 0.0))
-            own = plan.evaluation.reserve_soc(0)
+            own = plan.evaluation.reserve_soc
             turns = f"; the autopilot turns back below {100 * own:.1f} %" if own > self._settings.reserve_soc else ""
             return f"{since}by {100 * short:.2f} % of the charge, {short_wh:.2f} Wh{flown}{turns}"
         moved = [
@@ -527,9 +505,9 @@ class JointPlanner(Planner):
     ) -> DecisionRecord:
         """The record of a re-planning, without the battery's limit and the runs of OSQP."""
         b, solution = self._mission.battery, plan.solution
-        forecast = plan.evaluation.forecast(0, solution.filling)
+        forecast = plan.evaluation.forecast(solution.filling)
         total = self._places.evaluator.objective.total
-        floor = max(plan.evaluation.reserve_soc(0), float(plan.evaluation.limits.min_soc[0]))
+        floor = max(plan.evaluation.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
         available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         spare, reached_s = self._home
         return DecisionRecord(

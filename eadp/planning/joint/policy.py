@@ -17,7 +17,6 @@ from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route, RouteArrays, RoutePredictor
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator
-from eadp.planning.forecast.held import margin_m
 from eadp.planning.forecast.speed_to_fly import SpeedChoice
 from eadp.planning.joint.program import Solution
 from eadp.planning.joint.search import Shares
@@ -28,10 +27,8 @@ SETTLED_S = 60.0
 upper one is flown first, and the lower one for the rest: it rises to the upper one if that can be flown for as long
 [s]."""
 
-EARLY_S, NO_TIME_S = 30.0, 1e-3
-"""Time from the start in which computations do not fall for the margin alone, unless charge was lost: the deviation of
-the forecast halves in it; and a time that is rounding [s]."""
-
+NO_TIME_S = 1e-3
+"""A time that is rounding [s]."""
 
 LEAST_CHANGE_MPS = 1.0
 """Least rise of the pace, and least change of a stage's airspeed at the pace in force [m/s]."""
@@ -81,12 +78,12 @@ class Policy:
         return now_mps if waits else fastest_mps
 
     def computations(
-        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution, *, lost: bool
+        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution
     ) -> tuple[Vector, float]:
         """The computations to fly with now, and for how long [s], infinite for to the end; asking changes nothing.
 
         One of the two configurations around the power that can be sustained to the end, or the configuration in force
-        where a rise or a fall has to wait; see `SETTLED_S` and `EARLY_S`.
+        where a rise has to wait; see `SETTLED_S`.
 
         Parameters
         ----------
@@ -97,8 +94,6 @@ class Policy:
         evaluation : Evaluation
             Of one place.
         solution : Solution
-        lost : bool
-            Whether charge was lost in this flight.
         """
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
@@ -123,11 +118,6 @@ class Policy:
                 chosen = held
             # the lower one lasts to the end
             lasts_s = lasts_s if chosen > below else math.inf
-        # early in the flight no fall for the margin alone: the expected final charge keeps the reserve
-        if chosen < held and time_s < EARLY_S and not lost:
-            expected_soc = evaluation.final_charge(0, solution.filling).mean
-            if expected_soc >= evaluation.evaluator.objective.reserve_soc:
-                chosen, lasts_s = held, EARLY_S - time_s
         return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 
@@ -213,7 +203,7 @@ class Places:
         cursor = known.cursor
         path = len(self._boxes)
         path_now = cursor.waiting[:path], cursor.parameters[:path]
-        stage = known.stages_started, path_now, known.reach_std_m > 0, known.autopilot
+        stage = known.joined.stages_started, path_now, known.margin_m, known.autopilot
         if stage != self._stage:
             self._stage = stage
             self._routes.clear()
@@ -236,7 +226,7 @@ class Places:
         if shares not in self._routes:
             cursor = known.cursor.decide(self.parameters(shares))
             try:
-                route = self._predictor.route(cursor, known.joined_m, margin_m(known))
+                route = self._predictor.route(cursor, known.joined.position_m, known.margin_m)
                 self._routes[shares] = route if len(route.order) else None
             except PathUndefined:
                 self._routes[shares] = None

@@ -15,17 +15,17 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import PlanCursor, Vector
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import GroundLog
-from eadp.models.plan.route import Route, RoutePredictor
+from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.models.vehicle import LEVEL_SHARE, PaperVehicle
 from eadp.planning.base import Mission, Observation, Readings, Sample
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
-from eadp.planning.state.known import ChargeKnown, Known, TimeKnown, TimeRatio
+from eadp.planning.state.known import ChargeKnown, Joined, Known, TimeKnown, TimeRatio
 from eadp.planning.state.motion import MotionPower
 from eadp.planning.state.power import PowerGate, max_reading_w
-from eadp.planning.state.queue import SAME_TIME_S, ReadingQueue, Seen
+from eadp.planning.state.queue import ReadingQueue, Seen
 from eadp.planning.state.voltage import VoltageWatch
 from eadp.planning.state.wind import HEADING_DISBELIEVED, FlightWind
 
@@ -34,9 +34,6 @@ MAX_AIRSPEEDS = 5.0
 
 READ_S = 0.1
 """Default least time between readings [s]."""
-
-NAVIGATION_M = 0.25, 10.0
-"""Least and greatest standard deviation of how far the aircraft reaches [m]."""
 
 OTHER_MPS = 0.25
 """Distance of an airspeed from that of cruise from which on it is another one: half a step of `speed_to_fly` [m/s]."""
@@ -50,9 +47,6 @@ the measured one; and its greatest age [s]."""
 
 NOT_OBEYED_MPS = 1.5
 """Mean error from which on the commanded airspeed is not flown: more than that of a good calibration [m/s]."""
-
-OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
-"""Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
 
 GAUGE_STUCK, GAUGE_RISES, POWER_OUTLIER, CELL_LOST = "gauge-stuck", "gauge-rises", "power-outlier", "cell-lost"
 """Codes of warnings: the gauge is disbelieved, as it does not fall or rises; the last reading of power is false; the
@@ -98,8 +92,6 @@ class FlightState:
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         self._gate = PowerGate(vehicle.cruise_power_w, max_reading_w(mission))
         self._queue = ReadingQueue(every_s)
-        self._computing_w = 0.0  # power of the computations in force [W]
-        self._computing_for: tuple[Vector, int] | None = None  # the parameters and the stage that it is of
         drain_model = DrainModel(
             empty_v=empty_v,
             rise_v=full_v - empty_v,
@@ -112,7 +104,6 @@ class FlightState:
         self._climb = ClimbFollower.of(mission)
         self._last_s: float | None = None  # of the last reading that the filters have taken
         self.reached_s, self.autopilot = 0.0, mission.autopilot
-        self._altitude_m: float | None = None  # as measured at the last observation
 
     # --- readings in
 
@@ -134,11 +125,8 @@ class FlightState:
                 observation = observation._replace(sample=sample._replace(soc=soc), soc=soc)
         if not observation.on_plan:
             self.reached_s = observation.time_s
-        if self._computing_for != (observation.parameters, observation.stage):
-            self._computing_for = observation.parameters, observation.stage
-            sets = observation.cursor.stage.sets
-            self._computing_w = self._mission.computing.power_w(observation.parameters, sets)
-        return self._queue.observe(observation, self._computing_w)
+        computing_w = self._mission.computing.power_w(observation.parameters, observation.cursor.stage.sets)
+        return self._queue.observe(observation, computing_w)
 
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
         """Before take-off: take the wind of the weather forecast, and the standard deviation of its gusts [m/s]."""
@@ -201,10 +189,12 @@ class FlightState:
             rho = self._mission.plan.path_count
             # an autopilot whose line is changed during a turn leaves the turn elsewhere, up to a whole turn later
             diverted = place.flies_mission and o.cursor.waiting[:rho] != place.cursor.waiting[:rho]
-            if stages_before > 1 and not place.through_gap and place.follows and not diverted:
+            if stages_before > 1 and not place.through_gap and not diverted:
                 times_s, _ = place.route.times_s(place.cursor.airspeed_mps or cruise_mps, self.wind_mps)
+                excess = self._mission.excess.get(place.cursor.stage.index)
+                forecast_s = float(times_s[0]) + (0.0 if excess is None else excess.seconds)
                 flown_s = o.time_s - place.since_s - slowed_s
-                self._times.learn(float(times_s[0]), flown_s, self._wind.gust_std_mps, cruise_mps, gust_time_s)
+                self._times.learn(forecast_s, flown_s, self._wind.gust_std_mps, cruise_mps, gust_time_s)
             # windows of the motion's power lie within one leg, of one bank
             self._motion.end_window(place.slope)
         place.start(o)
@@ -214,17 +204,17 @@ class FlightState:
             times_s, turning_s = route.times_s(o.cursor.airspeed_mps or cruise_mps, self.wind_mps)
             # mean tan² φ = ∫tan² φ dt / t
             slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
-            max_slope = math.inf if self._mission.nominal is None else self._mission.nominal.max_slope
-            # a turn tighter than the aircraft can fly is overshot: neither its time nor that of the leg after it counts
-            turns = slope <= max_slope
-            place.slope, place.follows, place.turns = min(slope, max_slope), place.turns and turns, turns
+            vehicle = self._mission.vehicle
+            if not isinstance(vehicle, PaperVehicle):  # no steeper bank than it can fly
+                slope = min(slope, math.tan(math.radians(vehicle.max_bank_deg)) ** 2)
+            place.slope = slope
         self._ground.hold(o.time_s, o.cursor, o.parameters)
 
     def _read(self, readings: Readings, o: Observation | None = None) -> None:
         """Update the filters with readings, columns of shape (n,), all on the stage of `_place`.
 
         `o` is the observation whose reading is the last one, or None. Each filter comes after those that it needs:
-        navigation, power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight has a
+        power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight has a
         step of 0 s. Readings at the time of the last one taken are left out. Where the plan is not flown, the power
         updates only the charge, and the wind is estimated by measured airspeeds alone.
         """
@@ -235,11 +225,6 @@ class FlightState:
         if self._last_s is not None and not steps_s.any():
             return
         self._last_s = float(times_s[-1])
-        # the cross-track error is learned at the first reading of each whole second, however often readings come
-        whole_s = np.floor(times_s + SAME_TIME_S)
-        learns = np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0
-        for i in np.flatnonzero(learns & on_plan).tolist():
-            self._place.learn_reach((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
         if on_plan and self._climb is not None:  # the take-off is over
             self._climb.climb = self._climb.climb._replace(take_off_j_per_m=0.0)
@@ -298,7 +283,7 @@ class FlightState:
         `seconds` is the time since the altitude before [s]. In a take-off the dead reckoning is set to the altitude.
         """
         altitude_m = None if o is None else o.sample.altitude_m
-        before_m, self._altitude_m = self._altitude_m, altitude_m
+        before_m, self._place.altitude_m = self._place.altitude_m, altitude_m
         if altitude_m is None or o is None:
             return None
         if not o.on_plan and self._climb is not None:
@@ -378,10 +363,7 @@ class FlightState:
             time_s=time_s,
             position_m=position,
             cursor=self._flown_cursor(),
-            joined_m=place.joined_m,
-            since_s=place.since_s,
-            stages_started=self._queue.stages_started,
-            airspeed_mps=self._mission.cruise_mps,
+            joined=Joined(place.joined_m, place.since_s, self._queue.stages_started, place.rejoins_at_start),
             wind=self._wind.known,
             time=TimeKnown(times.ratio, times.variance, times.noise_s),
             motion=self._motion.known(min(self._gate.max_motion_w, self._mission.vehicle.max_motion_w)),
@@ -394,12 +376,11 @@ class FlightState:
                 losses=self._charge.losses,
             ),
             # an autopilot's mission ends where it is laid out to
-            reach_std_m=0.0 if place.flies_mission else place.reach_std_m,
+            margin_m=0.0 if place.flies_mission else MARGIN_M,
             climb=None if self._climb is None else self._climb.climb,
             flown=self._ground.until(time_s),
             autopilot=self.autopilot,
             returns_home=place.returns_home,
-            rejoins_at_start=place.rejoins_at_start,
         )
 
     def _flown_cursor(self) -> PlanCursor:
@@ -465,7 +446,7 @@ class FlownAirspeed:
 
 
 class _Place:
-    """Where the flight is in its plan, and how well it keeps to it: as of the last observation processed.
+    """Where the flight is in its plan, as of the last observation processed.
 
     Attributes
     ----------
@@ -481,16 +462,14 @@ class _Place:
         Mean tan² φ of the leg, as the aircraft can turn.
     computing_w : float
         Power of the computations in force [W].
-    turns, follows : bool
-        Whether the aircraft can turn as tightly as the leg; and could on the one before, too.
     through_gap : bool
         Whether the leg's start or end may be unknown.
     flies_mission : bool
         Whether an autopilot flies a mission laid out before.
     returns_home, rejoins_at_start : bool, bool or None
         Whether it flies home, and where the plan that is taken up again is joined, as in `Observation`.
-    reach_std_m : float
-        Standard deviation of the cross-track error [m].
+    altitude_m : float or None
+        As measured [m].
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -500,9 +479,7 @@ class _Place:
         self.since_s = self.slope = self.computing_w = 0.0
         self.through_gap = self.flies_mission = self.returns_home = False
         self.rejoins_at_start: bool | None = None
-        self.follows = self.turns = True
-        self.reach_std_m = NAVIGATION_M[0]
-        self._located_s = 0.0
+        self.altitude_m: float | None = None
         self._predictor = RoutePredictor()
 
     def start(self, o: Observation) -> None:
@@ -512,29 +489,6 @@ class _Place:
             self.route = self._predictor.leg(o.cursor, o.joined_m)
         except PathUndefined:
             self.route = None
-
-    def learn_reach(self, position: Point, time_s: float) -> None:
-        """Update `reach_std_m` with the distance of a position [m] at a time [s] from the path.
-
-        By the median, which the large distances where stages are joined do not move much.
-
-        Source: recursive median, a step up or down for each reading above or below it.
-        """
-        step_s, self._located_s = time_s - self._located_s, time_s
-        if self.route is None or step_s <= 0:
-            return
-        leg = self.route.first
-        try:
-            phi, gx, gy, *_ = leg.path(position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
-        except (ArithmeticError, ValueError):
-            return
-        # whether the distance to the path, |φ| / |∇φ|, is above the median m: φ² > |∇φ|² m²
-        square = gx * gx + gy * gy
-        if square > 0 and math.isfinite(phi):
-            above = phi * phi > square * (MEDIAN_PER_STD * self.reach_std_m) ** 2
-            # σ ← σ e^(± Δt/τ)
-            std_m = self.reach_std_m * math.exp((1.0 if above else -1.0) * min(1.0, step_s / OFF_PATH_S))
-            self.reach_std_m = min(max(std_m, NAVIGATION_M[0]), NAVIGATION_M[1])
 
 
 def _with_reading(before: Readings | None, sample: Sample) -> Readings:

@@ -111,6 +111,18 @@ class ChargeKnown(NamedTuple):
     losses: int
 
 
+class Joined(NamedTuple):
+    """Where [m] and when [s] the stage being flown was joined, and the how-manieth of the flight it is, from 1.
+
+    `rejoins_at_start` is where a plan that is taken up again is joined, see `Observation`.
+    """
+
+    position_m: Point
+    time_s: float
+    stages_started: int
+    rejoins_at_start: bool | None = None
+
+
 class Known(NamedTuple):
     """What is known of a flight.
 
@@ -122,18 +134,12 @@ class Known(NamedTuple):
         Where the aircraft is [m].
     cursor : PlanCursor
         The stage being flown.
-    joined_m : (float, float)
-        Where that was joined [m].
-    since_s : float
-        When that was joined [s].
-    stages_started : int
-        Over the flight.
-    airspeed_mps : float
-        Cruise [m/s].
+    joined : Joined
+        Where it was joined.
     wind, time, motion, charge
         Estimates.
-    reach_std_m : float
-        Standard deviation of how far the aircraft reaches beside its path [m]; 0 where the end is certain.
+    margin_m : float
+        By how much the end of the plan has to be passed to be one [m]; 0 where an autopilot's mission has it.
     climb : Climb or None
         Altitude and climbs, where the plan commands them.
     flown : FlownGround
@@ -142,27 +148,26 @@ class Known(NamedTuple):
         That flies, as far as its parameters are known.
     returns_home : bool
         Whether the aircraft flies home, and its plan no longer.
-    rejoins_at_start : bool or None
-        Where the plan that is taken up again is joined, see `Observation`.
     """
 
     time_s: float
     position_m: Point
     cursor: PlanCursor
-    joined_m: Point
-    since_s: float
-    stages_started: int
-    airspeed_mps: float
+    joined: Joined
     wind: WindKnown
     time: TimeKnown
     motion: MotionKnown
     charge: ChargeKnown
-    reach_std_m: float
+    margin_m: float
     climb: Climb | None
     flown: FlownGround
     autopilot: Autopilot = Autopilot()
     returns_home: bool = False
-    rejoins_at_start: bool | None = None
+
+    @property
+    def airspeed_mps(self) -> float:
+        """Airspeed where no stage commands one [m/s]."""
+        return self.motion.airframe.airspeed_mps
 
     @property
     def soc(self) -> float:

@@ -1,9 +1,12 @@
 """Limits of the battery's power in flights: kept to, and named."""
 
+import numpy as np
 import pytest
 
 from eadp.api.flight import fly_flight
 from eadp.api.inputs import load_flight
+from eadp.models.battery import LOSS
+from eadp.planning.forecast.battery_limits import LOSS_SQUARE
 
 
 def flown(plan, profile=None, **keys):
@@ -59,3 +62,9 @@ def test_the_cut_off_voltage_is_an_empty_battery(root):
     assert volts - 0.05 * flight.columns["power_w"][-1] / 14.0 == pytest.approx(14.0, abs=0.02)
     assert expected.forecast.completes_probability < 0.01
     assert expected.forecast.soc_end < summary["soc_final"]
+
+
+def test_moments_of_losses_are_those_of_draws():
+    drawn = np.random.default_rng(1).uniform(0.02, 0.12, 1_000_000)
+    assert pytest.approx(drawn.mean(), rel=1e-3) == LOSS
+    assert pytest.approx((drawn**2).mean(), rel=1e-3) == LOSS_SQUARE

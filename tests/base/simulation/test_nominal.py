@@ -2,15 +2,14 @@
 
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import eadp
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.plan.trace import whole_route
-from eadp.planning.base import FlownLegs
-from eadp.simulation.nominal import NominalFlight, Overshoot, overshoot_findings
+from eadp.planning.base import Excess
+from eadp.simulation.nominal import Overshoot, overshoot_findings, overshoots
 
 HOME = (47.0, 8.0)
 SHARP = [
@@ -59,67 +58,34 @@ def test_an_overshot_turn_widens_the_deviation(tmp_path):
     assert sharp.remaining_std_s / sharp.remaining_s > 1.2 * wide.remaining_std_s / wide.remaining_s
 
 
-def test_laps_alike_are_flown_once(tmp_path, monkeypatch):
-    flown = []
-    monkeypatch.setattr(
-        NominalFlight, "_fly", lambda *args, own=NominalFlight._fly: flown.append(args[4]) or own(*args)
-    )
-    path = mission(tmp_path, [*SHARP, (50.0, 150.0)])
-    body, found = path.read_text(), {}
-    for laps in (3, 12):
-        path.write_text(body + f"10\t0\t3\t177\t1\t{laps - 1}\t0\t0\t0\t0\t0\t1\n")
-        flown.clear()
-        found[laps] = load_flight(path).preflight().forecast.remaining_s, len(flown)
-    assert found[12][1] == found[3][1] > 1
-    assert found[12][0] == pytest.approx(4 * found[3][0], rel=0.1)
-
-
-def test_a_section_that_is_flown_where_no_more_are_kept_is_found_again(tmp_path, monkeypatch):
-    world = load_flight(mission(tmp_path, [(400.0, 0.0), (0.0, 50.0)])).world
-    route = whole_route(world.plan, (), world.rules, world.start.position_m)
-    flown = []
-    monkeypatch.setattr(
-        NominalFlight, "_fly", lambda *args, own=NominalFlight._fly: flown.append(args[4]) or own(*args)
-    )
-    monkeypatch.setattr("eadp.simulation.nominal.MAX_KEPT", 0)
-    nominal = NominalFlight(world.vehicle, world.guidance)
-    first, again = nominal.times_s(route, (0.0, 0.0)), nominal.times_s(route, (0.1, 0.0))
-    assert len(flown) == len(first[1]) == 1
-    assert first[0][flown[0]] == again[0][flown[0]]
-
-
 def test_turns_are_named_by_their_items_with_what_is_flown(tmp_path):
     path = mission(tmp_path, SHARP)
     messages = [fault.message for fault in load_flight(path).warnings]
     named = [message for message in messages if "tighter than the aircraft's" in message]
-    assert named[0].startswith("item 1: a turn tighter")
-    assert "beside the path" in named[0]
-    assert "back on it before item" in named[0]
+    assert all(message.startswith("item ") and "beside the path" in message for message in named[:3])
     shown = []
     eadp.read_plan(path, warn=shown.extend)
-    assert named == [fault.message for fault in shown if "tighter than the aircraft's" in fault.message]
+    assert set(named[:3]) <= {fault.message for fault in shown}
 
 
 def test_of_many_turns_the_worst_are_named_and_the_others_counted():
-    legs = [SimpleNamespace(label=f"item {i}", index=i, line=i) for i in range(9)]
-    excess_s = [2.0, 7.0, 1.0, 5.0, 3.0, 6.0, 4.0, 0.5]
-    overshoots = [Overshoot(legs[i], legs[i], excess_s[i], 20.0) for i in range(8)]
-    assert len(overshoot_findings(overshoots)) == 8
-    lines = [(found.line, found.message.split(":")[0]) for found in overshoot_findings(overshoots, 3)]
+    stages = [SimpleNamespace(label=f"item {i}", index=i, line=i) for i in range(9)]
+    off_m = [20.0, 70.0, 15.0, 50.0, 30.0, 60.0, 40.0, 12.0, 1.0]
+    found = [Overshoot(stages[i], Excess(2.0, 0.0), off_m[i]) for i in range(9)]
+    assert len(overshoot_findings(found)) == 8
+    lines = [(found.line, found.message.split(":")[0]) for found in overshoot_findings(found, 3)]
     assert lines == [
         (1, "item 1"),
         (3, "item 3"),
         (5, "item 5"),
-        (6, "5 more turns tighter than the aircraft's, each with less delay"),
+        (6, "5 more turns tighter than the aircraft's, each nearer to its path"),
     ]
-    assert len(overshoot_findings(overshoots[:4], 3)) == 4  # one is named in its own line as well as counted
+    assert len(overshoot_findings(found[:4], 3)) == 4  # one is named in its own line as well as counted
 
 
 def test_what_can_be_followed_is_left_as_it_is(tmp_path):
-    inputs = load_flight(mission(tmp_path, WIDE), overrides={"vehicle.airframe.max_bank_deg": 60})
-    world, nominal = inputs.world, inputs.mission.nominal
+    agile = load_flight(mission(tmp_path, WIDE), overrides={"vehicle.airframe.max_bank_deg": 60}).world
     wide = load_flight(mission(tmp_path, WIDE)).world
     route = whole_route(wide.plan, (), wide.rules, wide.start.position_m)
-    followed = FlownLegs(*route.times_s(world.vehicle.airspeed_mps, (0.0, 0.0)))
-    assert nominal.flown([route], (0.0, 0.0), followed) is followed
-    assert np.array_equal(nominal.times_s(route, (0.0, 0.0))[0], followed.times_s)
+    assert not overshoots(route, agile.vehicle, agile.guidance, (0.0, 0.0))
+    assert overshoots(route, wide.vehicle, wide.guidance, (8.0, 0.0))

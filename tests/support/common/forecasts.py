@@ -48,7 +48,7 @@ class Forecasting:
     def route(self, *shares, margin_m=1.0):
         """The route with shares of the path parameters decided: the first leg is the same at all."""
         cursor = self.known.cursor.decide(self.parameters(*shares))
-        return self._predictor.route(cursor, self.known.joined_m, margin_m)
+        return self._predictor.route(cursor, self.known.joined.position_m, margin_m)
 
     def at(self, *places, margin_m=1.0):
         """Evaluation of places: one share, or a tuple of shares, each."""

@@ -1,6 +1,5 @@
 """Evaluations against plain loops, fine integration, stepped batteries and draws."""
 
-import itertools
 import math
 from dataclasses import replace
 from statistics import NormalDist
@@ -43,7 +42,6 @@ def own_parts(evaluation, place):
         yield array[place : place + 1]
     yield from (e.knapsack.use[mine], e.knapsack.gain[mine])
     yield from (column[place : place + 1] for column in e.knapsack[3:])
-    yield np.array([*e.ends[place].probabilities, *itertools.chain(*e.ends[place].unflown)])
 
 
 @pytest.mark.quick(3)
@@ -118,7 +116,8 @@ def test_a_leg_that_is_taken_up_again_is_joined_in_a_straight_line(at_start):
     leg = whole.routes[0].legs[0]
     aim = leg.start_m if at_start else leg.end_m
     position = aim[0] + 180.0, aim[1] - 240.0
-    forecasting.known = forecasting.known._replace(position_m=position, rejoins_at_start=at_start)
+    joined = forecasting.known.joined._replace(rejoins_at_start=at_start)
+    forecasting.known = forecasting.known._replace(position_m=position, joined=joined)
     back = forecasting.evaluator.evaluate(forecasting.known, whole.routes)
     flown_m = 300.0 + (leg.distance_m if at_start else 0.0)
     assert back.load.times_s[0] == pytest.approx(flown_m / leg.distance_m * whole.load.times_s[0])
@@ -153,7 +152,7 @@ def test_charge_against_a_battery_that_is_stepped(battery, share):
     soc, _ = stepped_soc(forecasting, found, powers_w)
     within = 1e-4 if battery == "constant voltage" else 0.02
     assert found.known.soc - float(filling.use[0]) == pytest.approx(soc, abs=within)
-    forecast = found.forecast(0, filling)
+    forecast = found.forecast(filling)
     assert forecast.energy_wh == pytest.approx(float(powers_w @ found.load.times_s) / 3600, rel=1e-9)
     assert forecast.soc_end == pytest.approx(soc, abs=within)
 
@@ -171,7 +170,7 @@ def test_standard_deviations_against_draws(seed):
     forecasting.known = known
     found = forecasting.at(0.3)
     filling = fill_greedy(found.knapsack._replace(available=found.knapsack.base_use))
-    forecast, draws = found.forecast(0, filling), 20_000
+    forecast, draws = found.forecast(filling), 20_000
     seconds, powers_w = float(found.totals.seconds[0]), found.load.motion_w + found.computing_w(filling.shares)
     # T = Σ t β + noise;  E = Σ t (a + b s + g) + noise, with a mean power for a time that is off
     ratio = 1 + math.sqrt(known.time.variance) * rng.standard_normal(draws)
@@ -229,7 +228,7 @@ def test_losses_are_expected_as_a_poisson_process_takes_them():
         Forecasting(survey_inputs(**CALM), objective=Objective(0.05, 0.95, each)).at(0.0) for each in (0.0, rate)
     )
     filling = fill_greedy(losing.knapsack._replace(available=losing.knapsack.base_use))
-    ends = [found.forecast(0, filling) for found in (without, losing)]
+    ends = [found.forecast(filling) for found in (without, losing)]
     rng = np.random.default_rng(0)
     counts = rng.poisson(rate * ends[1].remaining_s, 100_000)
     lost = np.array([rng.uniform(0.02, 0.12, count).sum() for count in counts])
@@ -252,7 +251,7 @@ def test_a_loss_that_was_seen_raises_the_rate_as_bayes_has_it():
         assert found.evaluator.losses(known, 1.0) == pytest.approx(rates[counts == seen].mean(), rel=0.02)
     later = replace(found, known=found.known._replace(charge=found.known.charge._replace(losses=1)))
     filling = found.filled()
-    assert later.forecast(0, filling).soc_end < found.forecast(0, filling).soc_end
+    assert later.forecast(filling).soc_end < found.forecast(filling).soc_end
 
 
 def test_computations_that_can_fall_keep_the_margin_of_what_is_never_learned():
@@ -270,69 +269,8 @@ def test_computations_that_can_fall_keep_the_margin_of_what_is_never_learned():
     assert short.adaptive.available[0] == short.knapsack.available[0]
     # stated is the probability of the least computations
     filling = long.filled()
-    assert long.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
-    assert long.forecast(0, filling).reserve_probability > 0.951
-
-
-# --- ends -------------------------------------------------------------------------------------------------------------
-
-
-def test_a_lap_that_may_be_the_last_is_two_outcomes():
-    """At c1 = 0 the plan ends, to a hair, on stage 61 or a lap later: beside both, as plans of their own."""
-    inputs = survey_inputs(**CALM)
-    forecasting = Forecasting(inputs, objective=Objective(0.05, 0.95))
-    found = forecasting.at(1.0)
-    (end,) = found.routes[0].ends
-    likely = NormalDist(0, forecasting.known.reach_std_m).cdf(end.clearance_m)
-    times = found.load.times_s
-    early_s = times[: end.leg].sum() + times[end.leg] * end.flown_m / end.length_m
-    filling = found.filled()
-    forecast, charge = found.forecast(0, filling), found.final_charge(0, filling)
-    assert 0.01 < likely < 0.99
-    assert charge.shares == pytest.approx((1 - likely, likely))
-    assert forecast.remaining_s == pytest.approx(likely * early_s + (1 - likely) * times.sum())
-    between_s2 = likely * (1 - likely) * (times.sum() - early_s) ** 2
-    assert forecast.remaining_std_s == pytest.approx(math.sqrt(float(found.totals.time_var_s2[0]) + between_s2))
-    powers_w = found.load.motion_w + found.computing_w(filling.shares)
-    rest_j = float((powers_w * times)[end.leg + 1 :].sum()) + float(powers_w[end.leg] * times[end.leg]) * (
-        1 - end.flown_m / end.length_m
-    )
-    late, early = charge.means
-    assert early - late == pytest.approx(float(found.totals.soc_per_j[0]) * rest_j, rel=1e-6)
-    assert forecast.energy_wh == pytest.approx((float(powers_w @ times) - likely * rest_j) / 3600, rel=1e-9)
-    assert found.expected_s(0).sum() == pytest.approx(forecast.remaining_s)
-    # the reserve is kept with its probability over both, at minimum power
-    base = fill_greedy(found.knapsack._replace(available=found.knapsack.base_use))
-    means = found.final_charge(0, base).means
-    spare = charge._replace(std=float(found.std[0]), means=tuple(mean - means[0] for mean in means))
-    margin = found.known.soc - 0.05 - float(found.knapsack.available[0])
-    assert spare.probability_above(-margin) == pytest.approx(0.95, abs=2e-3)
-
-
-def test_an_end_that_was_passed_long_ago_is_none():
-    forecasting = Forecasting(survey_inputs(**CALM))
-    found = forecasting.at(1.0)
-    (route,) = found.routes
-    assert found.ends[0].probabilities
-    (end,) = route.ends
-    rest = route
-    for _ in range(end.leg):
-        rest = rest.after()
-    leg, speed = rest.first, forecasting.mission.cruise_mps
-    known = forecasting.known._replace(joined_m=leg.start_m, since_s=0.0)
-
-    def share_after(flown_m):
-        (sx, sy), (ox, oy) = leg.start_m, leg.offset_m
-        points = list(leg.track.points((sx - ox, sy - oy), flown_m, flown_m / leg.length_m, 1))
-        (x, y), _ = points[-1]
-        at = known._replace(position_m=(x + ox, y + oy), time_s=flown_m / speed)
-        return forecasting.evaluator.evaluate(at, [rest]).ends[0].probabilities
-
-    before = share_after(0.5 * end.flown_m)
-    assert before == pytest.approx(found.ends[0].probabilities)
-    if end.flown_m + 4 * speed < leg.length_m:
-        assert share_after(end.flown_m + (module.PASSED_S - 1) * speed) == pytest.approx(before)
-        assert share_after(end.flown_m + (module.PASSED_S + 0.5) * speed) == ()
+    assert 1 - long.final_charge(filling).cdf(0.05) == pytest.approx(0.95, abs=1e-3)
+    assert long.forecast(filling).reserve_probability > 0.951
 
 
 # --- limits of the power ----------------------------------------------------------------------------------------------
@@ -386,7 +324,7 @@ def test_minimum_power_beyond_the_battery_is_a_finite_shortfall_and_the_shortest
     known = forecasting.known
     forecasting.known = known._replace(motion=known.motion._replace(max_w=6000.0))
     found = forecasting.at(0.0, 0.3, 0.6, 1.0)
-    shorts = [found.shortfall(place) for place in range(4)]
+    shorts = np.maximum(-found.knapsack.spare, 0.0).tolist()
     assert all(0 < short < np.inf for short in shorts)
     assert shorts[0] < shorts[-1], "fewer laps are flown at the lowest path parameter"
     assert (found.limits.beyond_w > 0).all()

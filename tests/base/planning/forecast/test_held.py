@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from common.forecasts import CALM, survey_inputs
 
-from eadp.models.plan.route import MARGIN_M, RoutePredictor
 from eadp.planning.base import Ending
-from eadp.planning.forecast.held import NAVIGATION_STDS, HeldForecast, before_take_off, held_preflight, margin_m
+from eadp.planning.forecast.held import HeldForecast, before_take_off, held_preflight
 from eadp.planning.registry import Planner
 from eadp.simulation.loop import Outcome, fly
 
@@ -50,9 +49,9 @@ class Following(Planner):
             self._moments_s.pop(0)
             known = state.known(o.time_s, o.position_m)
             found = self.held.evaluation(known, self._mission.parameters)
-            forecast = found.forecast(0, found.filled())
+            forecast = found.forecast(found.filled())
             assert forecast == self.held.at(known, self._mission.parameters)
-            stages = np.bincount(found.routes[0].stages, found.expected_s(0))
+            stages = np.bincount(found.routes[0].stages, found.load.times_s)
             of_stages = {i: float(seconds) for i, seconds in enumerate(stages.tolist()) if i}
             self.evaluated.append(Evaluated(o.time_s, forecast, known.wind.mps, of_stages))
         return decision
@@ -181,30 +180,3 @@ def test_a_plan_that_cannot_be_flown_has_no_forecast():
     assert held_preflight(settings, mission, (40.0, 0.0), 0.0) is None
     _, known = before_take_off(settings, mission, (40.0, 0.0), 0.0)
     assert HeldForecast(settings, mission).at(known, mission.parameters) is None
-
-
-def test_the_margin_of_ends_is_that_of_the_navigation():
-    inputs = survey_inputs("static")
-    _, known = before_take_off(inputs.scenario.planner, inputs.mission, (0.0, 0.0), 0.0)
-    for std_m in (0.1, 1.0, 7.0):
-        assert margin_m(known._replace(reach_std_m=std_m)) == max(MARGIN_M, NAVIGATION_STDS * std_m)
-
-
-def test_the_end_of_a_mission_that_was_laid_out_is_certain():
-    """Without it, whether one more lap is flown is in doubt near a step of the staircase."""
-    inputs = survey_inputs("static")
-    _, known = before_take_off(inputs.scenario.planner, inputs.mission, (0.0, 0.0), 0.0)
-    certain = known._replace(reach_std_m=0.0)
-    assert margin_m(certain) == 0.0
-    held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    doubted = 0
-    for c1 in np.linspace(-1000.0, 0.0, 21):
-        some, one = (
-            RoutePredictor().route(k.cursor.decide((c1, 2.0)), k.joined_m, margin_m(k)) for k in (known, certain)
-        )
-        assert not one.ends
-        doubted += len(some.ends)
-        if some.ends:
-            wide, narrow = (held.at(k, (c1, 2.0)).remaining_std_s for k in (known, certain))
-            assert narrow < wide
-    assert doubted

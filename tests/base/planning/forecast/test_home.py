@@ -21,7 +21,7 @@ def forecasting_of(home=(0.0, -2500.0), objective=EVEN, **overrides):
 
 
 def test_without_a_home_there_is_no_charge_at_it():
-    assert home_spare(forecasting_of(None).at(0.0), 0) is None
+    assert home_spare(forecasting_of(None).at(0.0)) is None
 
 
 @pytest.mark.parametrize("home", [(0.0, -2500.0), (900.0, 300.0)])
@@ -41,13 +41,13 @@ def test_the_way_home_takes_a_turn_and_a_line_at_least_power(home, wind_mps):
     battery = mission.battery
     current = min(np.roots([battery.resistance_ohm, -battery.voltage_v, least_w]).real)
     takes = current * seconds / 3600 / battery.capacity_ah
-    assert found.known.soc - home_spare(found, 0) - 0.05 == pytest.approx(takes, rel=1e-3)
+    assert found.known.soc - home_spare(found) - 0.05 == pytest.approx(takes, rel=1e-3)
 
 
 def test_a_higher_way_home_takes_a_climb():
     """Of m g Δh / η from the altitude of cruise, 25 m; a lower one takes nothing."""
     level, high, low = (
-        home_spare(forecasting.at(0.0), 0)
+        home_spare(forecasting.at(0.0))
         for forecasting in (forecasting_of(), *(forecasting_of(**{"home.altitude_m": m}) for m in (125.0, 5.0)))
     )
     assert low == level
@@ -58,13 +58,13 @@ def test_a_higher_way_home_takes_a_climb():
 
 
 def test_it_falls_with_distance_and_with_the_probability_that_is_asked_for():
-    by_distance = [home_spare(forecasting_of((0.0, -y)).at(0.0), 0) for y in (500.0, 1500.0, 4000.0)]
+    by_distance = [home_spare(forecasting_of((0.0, -y)).at(0.0)) for y in (500.0, 1500.0, 4000.0)]
     assert by_distance == sorted(by_distance, reverse=True)
     even, sure = (
-        home_spare(forecasting_of(objective=Objective(0.05, probability)).at(0.0), 0) for probability in (0.5, 0.95)
+        home_spare(forecasting_of(objective=Objective(0.05, probability)).at(0.0)) for probability in (0.5, 0.95)
     )
     assert sure < even
-    losing = home_spare(forecasting_of(objective=Objective(0.05, 0.95, 1 / 600)).at(0.0), 0)
+    losing = home_spare(forecasting_of(objective=Objective(0.05, 0.95, 1 / 600)).at(0.0))
     assert losing < sure
 
 
@@ -74,7 +74,7 @@ def test_against_a_wind_as_strong_as_the_airspeed_there_is_no_way_home():
         forecasting = forecasting_of((-2000.0, 0.0))
         found = forecasting.at(0.0)
         known = forecasting.known._replace(wind=WindKnown((speed, 0.0)))
-        spare = home_spare(type(found)(**{**vars(found), "known": known}), 0)
+        spare = home_spare(type(found)(**{**vars(found), "known": known}))
         reached.append(spare)
     assert reached[0] > 0 > reached[1] > reached[2] == -math.inf
 
@@ -83,16 +83,16 @@ def test_the_latest_turn_back_lies_between_take_off_and_the_end():
     by_capacity = []
     for capacity_ah in (0.25, 0.3, 3.0):
         found = forecasting_of((0.0, -1000.0), **{"battery.capacity_ah": capacity_ah}).at(0.0)
-        by_capacity.append(latest_turn_back(found, 0, found.filled()))
+        by_capacity.append(latest_turn_back(found, found.filled()))
     early, later, never = (turn_back.time_s for turn_back in by_capacity)
     assert 0 < early < later < never
     assert never == pytest.approx(found.known.time_s + found.load.times_s.sum(), abs=1e-6)
-    assert latest_turn_back(forecasting_of(None).at(0.0), 0, found.filled()) is None
+    assert latest_turn_back(forecasting_of(None).at(0.0), found.filled()) is None
 
 
 def spare_with(found, **changes):
     """Of an evaluation with other powers of its legs."""
-    return home_spare(replace(found, load=found.load._replace(**changes)), 0)
+    return home_spare(replace(found, load=found.load._replace(**changes)))
 
 
 def test_the_way_home_is_level_flight_where_the_plan_descends():
@@ -100,7 +100,7 @@ def test_the_way_home_is_level_flight_where_the_plan_descends():
     found = forecasting_of().at(0.0)
     gliding_w = np.full_like(found.load.motion_w, found.known.motion.level_w)
     gliding_w[-1] = 0.0
-    assert spare_with(found, motion_w=gliding_w) == pytest.approx(home_spare(found, 0), abs=1e-12)
+    assert spare_with(found, motion_w=gliding_w) == pytest.approx(home_spare(found), abs=1e-12)
 
 
 def returning(tmp_path, autopilot=None, landing="%: altitude 0\n%: command 21 0 0 0 0 0 0 0\n", **keys):
@@ -142,7 +142,7 @@ def test_an_autopilot_climbs_to_its_altitude_and_circles_at_home(tmp_path, kind)
     assert taken_j[0] - taken_j[1] == pytest.approx(climb_j + circle_s * own.known.motion.level_w)
     # at the end of the plan it does the same: more energy and time, less charge left
     ends = [each.at(()) for each in (own, plain)]
-    forecasts = [each.forecast(0, each.filled()) for each in ends]
+    forecasts = [each.forecast(each.filled()) for each in ends]
     assert forecasts[0].remaining_s - forecasts[1].remaining_s == pytest.approx(ends[0].own.seconds[0])
     assert ends[0].own.seconds[0] > 3000 / speed
     assert forecasts[0].soc_end < forecasts[1].soc_end
@@ -165,7 +165,7 @@ def test_what_makes_px4_turn_back_is_in_the_reserve(tmp_path):
     home_s = ends[0].evaluator.homeward(known, 0.0).seconds
     rest_s = float(ends[0].load.times_s[-1])
     assert left_s == pytest.approx(1.1 * home_s + 100 - rest_s, rel=0.15)
-    assert ends[0].reserve_soc(0) == keeps > 0.05
+    assert ends[0].reserve_soc == keeps > 0.05
     assert ends[0].knapsack.available[0] == pytest.approx(ends[1].knapsack.available[0] - keeps + 0.05)
 
 
@@ -176,7 +176,7 @@ def test_home_can_wait_no_longer_than_until_px4_turns_back(tmp_path):
     for action in (3.0, 0.0):
         given = {"autopilot.parameters": {"COM_FLTT_LOW_ACT": action}}
         found = returning(tmp_path, "px4", landing="", **small, **given).at(())
-        waits[action] = latest_turn_back(found, 0, found.filled())
+        waits[action] = latest_turn_back(found, found.filled())
     own, free = waits[3.0], waits[0.0]
     assert 0 < own.time_s < free.time_s - 20
     battery, power_w = found.evaluator.mission.battery, float(found.totals.mean_w[0])
@@ -187,11 +187,11 @@ def test_home_can_wait_no_longer_than_until_px4_turns_back(tmp_path):
 
 def test_the_charge_to_spare_falls_by_what_power_draws_not_by_what_was_lost():
     found = forecasting_of().at(0.0)
-    falls = can_fall(found, 0, 1.0)
+    falls = can_fall(found, 1.0)
     battery, known = found.evaluator.mission.battery, found.known
     power_w = known.motion.max_w + float(found.load.max_w.max()) + known.motion.level_w
     assert falls == pytest.approx(battery.drain_per_s(power_w, battery.voltage_at(known.soc)), rel=0.1)
     lost = replace(found, known=known._replace(charge=known.charge._replace(losses=3)))
-    assert can_fall(lost, 0, 1.0) == falls
+    assert can_fall(lost, 1.0) == falls
     windy = replace(found, known=known._replace(wind=WindKnown((8.0, 0.0))))
-    assert can_fall(windy, 0, 1.0) > falls
+    assert can_fall(windy, 1.0) > falls

@@ -213,12 +213,10 @@ def test_an_airspeed_that_is_commanded_counts_where_it_is_measured_and_flown():
     assert not any(lost[60:])
 
 
-def test_the_flight_stays_slow_while_denser_lines_are_in_reach():
-    """After a loss lines widen by the whole margin, and come back once it has shrunk: of a slow flight alone."""
+def test_a_loss_is_answered_by_a_slower_flight_and_not_by_wider_lines():
     flight = simulate("plans/survey.plan", scenario="scenarios/survey-loss.yaml")
-    at_loss, after = (next(r for r in flight.decisions if r.time_s >= since_s) for since_s in (120.0, 210.0))
-    assert at_loss.parameters[0] < after.parameters[0]
-    assert at_loss.airspeed_mps == after.airspeed_mps < 11.0
+    before, after = (next(r for r in flight.decisions if r.time_s >= since_s) for since_s in (60.0, 120.0))
+    assert after.airspeed_mps < before.airspeed_mps - 2
     assert flight.summary["reserve_kept"]
     assert flight.summary["quality"] > 0.99
 

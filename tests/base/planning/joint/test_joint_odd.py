@@ -13,7 +13,6 @@ from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
 from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
-from eadp.planning.forecast.held import margin_m
 from eadp.planning.joint.planner import JointPlanner
 
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))
@@ -134,5 +133,5 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
     route = pilot._places.route(known, pilot._places.shares)
     assert route.parameters[0][0] == first[0] == executor.parameters[0]
     cursor = executor.cursor.decide(pilot._decision.parameters)
-    again = RoutePredictor().route(cursor, executor.joined_m, margin_m(known))
+    again = RoutePredictor().route(cursor, executor.joined_m, known.margin_m)
     assert route.parameters == again.parameters

@@ -7,9 +7,9 @@ import pytest
 from common import few
 from common.forecasts import CALM, Forecasting, survey_inputs
 
-from eadp.planning.forecast.evaluate import Evaluator, Objective
+from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint.policy import EARLY_S, SETTLED_S, Policy, sustained_w
+from eadp.planning.joint.policy import SETTLED_S, Policy, sustained_w
 from eadp.planning.joint.program import Solution
 
 MIN_GAIN = 0.01
@@ -34,14 +34,14 @@ def envelope_of(evaluation):
     return evaluation.evaluator.envelopes[int(evaluation.kinds[0])]
 
 
-def flown(policy, evaluation, share, time_s, now, *, lost=False):
+def flown(policy, evaluation, share, time_s, now):
     """Computations decided with a share of the charge, from those in force."""
     envelope = envelope_of(evaluation)
     rows = [tuple(row) for row in envelope.configurations.tolist()]
     now_w = float(envelope.powers_w[rows.index(now)])
     found, solution = with_share(evaluation, share)
-    chosen, lasts_s = policy.computations(time_s, now_w, found, solution, lost=lost)
-    again = policy.computations(time_s, now_w, found, solution, lost=lost)
+    chosen, lasts_s = policy.computations(time_s, now_w, found, solution)
+    again = policy.computations(time_s, now_w, found, solution)
     assert (chosen, lasts_s) == again, "asking changes nothing"
     if rows.index(chosen) < rows.index(now):
         policy.note_fall(time_s)
@@ -86,17 +86,6 @@ def test_charge_that_is_left_over_counts(evaluation):
     left = 0.2 * float(evaluation.knapsack.use.sum())
     per_w = float(found.totals.soc_per_j[0] * found.totals.seconds[0])
     assert sustained_w(found, kind, solution) == pytest.approx(powers_w[-1] + left / per_w)
-
-
-def test_computations_do_not_fall_at_once_unless_charge_was_lost(evaluation):
-    lowest, *_, highest = rows_of(evaluation)
-    found = replace(evaluation, evaluator=Evaluator.__new__(Evaluator))
-    vars(found.evaluator).update(vars(evaluation.evaluator), objective=Objective(-10.0, 0.5))  # short of a margin alone
-    assert flown(Policy(MIN_GAIN), found, 0.0, EARLY_S - 1, highest) == highest
-    assert flown(Policy(MIN_GAIN), found, 0.0, EARLY_S - 1, highest, lost=True) == lowest
-    assert flown(Policy(MIN_GAIN), evaluation, 0.0, EARLY_S - 1, highest, lost=True) == lowest
-    assert flown(Policy(MIN_GAIN), evaluation, 0.0, EARLY_S + 1, highest) == lowest
-    assert flown(Policy(MIN_GAIN), evaluation, 1.5, EARLY_S - 1, lowest) == highest, "they may rise"
 
 
 def test_computations_rise_to_what_can_be_flown_for_a_while(evaluation):
