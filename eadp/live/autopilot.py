@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from eadp.errors import Fault
+from eadp.errors import Fault, printable
 from eadp.exchange.items import CHANGE_SPEED
 from eadp.exchange.writer import MappedItem
 from eadp.live.flight import COMPLETED, KEPT, TAKE_OFF
@@ -33,6 +33,16 @@ MAX_COMMANDS = 10
 """How often a command is given at most."""
 SET_INTERVAL = 511
 """The command that asks for a message at an interval."""
+AGAINST = re.compile(r"mission rejected|arming denied|(pre)?arm: .*(mission|land)", re.IGNORECASE)
+"""What an autopilot's texts begin with that speak against its mission: PX4's, and those of ArduPilot's arming checks.
+
+Source: PX4's `FeasibilityChecker.cpp` and `Commander.cpp`; ArduPilot's `AP_Arming.cpp` and, of Plane,
+`AP_Arming_Plane.cpp`."""
+NO_REASON = "no reason given, it may lack its home position"
+REFUSED_S = 30.0
+"""For how long such a text counts [s]: ArduPilot repeats them as often."""
+PIECE = 50
+"""Characters of a piece of a text that another one follows."""
 INTERVALS = {
     "GLOBAL_POSITION_INT": (33, 200_000),
     "VFR_HUD": (74, 500_000),
@@ -68,12 +78,16 @@ class HeardAutopilot:
         By its last heartbeat.
     missing : set of str
         Names of messages that were asked for, and have not come yet.
+    refusal : str
+        What it says against its mission, empty where it does not.
     """
 
     def __init__(self, system: int | None, give: Callable[[str, Mapping[str, Any]], None], pilot: Pilot) -> None:
         self.system, self.component, self._give, self._pilot = system, 0, give, pilot
         self.lost = self.armed = self.ardupilot = False
         self.missing: set[str] = set()
+        self.refusal, self._refused_s = "", -math.inf
+        self._text = ""  # a text of which pieces are still to come
         self._heard_s: float | None = None  # its last heartbeat [s]
         self._sent_s = -math.inf  # our last heartbeat [s]
         self._asked = self._returns = 0  # how often messages were asked for, and a return was commanded
@@ -111,10 +125,27 @@ class HeardAutopilot:
         if self._heard_s is not None and not self.lost and now_s - self._heard_s > LOST_S:
             self.lost = True
             self._pilot.note("the autopilot's heartbeats are lost")
+        if self.armed or now_s - self._refused_s > REFUSED_S:
+            self.refusal = ""
         if due := now_s - self._sent_s >= HEARTBEAT_S:
             self._sent_s = now_s
             self._give("HEARTBEAT", BEAT)
         return due
+
+    def read_text(self, said: tuple[int, int, str], now_s: float) -> None:
+        """Take a text of it, or a piece of one; the pilot reads what speaks against its mission."""
+        number, piece, text = said
+        self._text = text if piece == 0 else self._text + text
+        if (number == 0 or len(text) < PIECE) and AGAINST.match(self._text):
+            self.refusal, self._refused_s = self._text.strip(), now_s
+            self._pilot.tell(f"the autopilot refuses: {printable(self.refusal)}")
+
+    def judge(self, valid: bool | None, now_s: float) -> None:
+        """Note whether it says that its mission can be flown; None where it does not say."""
+        if valid and self.refusal == NO_REASON:
+            self.refusal = ""
+        elif valid is False:
+            self.refusal, self._refused_s = self.refusal or NO_REASON, now_s
 
     def ask(self) -> None:
         """Ask for the messages of `INTERVALS`, of the two of the wind for the autopilot's own."""

@@ -26,6 +26,8 @@ Values = dict[str, Any]
 Fields = Mapping[str, Any]
 
 UNKNOWN_16, UNKNOWN = 65535, -1
+NO_MISSION = 1
+"""State of a mission that PX4 holds, and does not fly: it has refused it, or lacks its home position."""
 IN_AIR, ON_GROUND = (2, 3, 4), 1
 ARMED = 128
 """Flag of a heartbeat: motors are armed."""
@@ -95,13 +97,14 @@ def _wind(fields: Fields) -> Values:
 
 
 def _item(fields: Fields) -> Values:
-    """The number of the item that is flown to, and how many items there are.
+    """The number of the item that is flown to, how many items there are, and whether the mission can be flown.
 
     The number of items is None where an older autopilot does not say it, or none is held: ArduPilot's 0, PX4's 65535.
     PX4 has no item for a moment after an upload: the one before it holds on.
     """
-    count = fields.get("total", 0)
+    count, state = fields.get("total", 0), fields.get("mission_state", 0)
     found: Values = {"item_count": None if count in (0, UNKNOWN_16) else count}
+    found["valid"] = None if state == 0 or found["item_count"] is None else state != NO_MISSION
     return found if fields["seq"] == UNKNOWN_16 else {"item": fields["seq"], **found}
 
 
@@ -157,6 +160,11 @@ def _text(name: str | bytes) -> str:
     return (name if isinstance(name, str) else bytes(name).decode("ascii", "replace")).rstrip("\0")
 
 
+def _said(fields: Fields) -> Values:
+    """A text, or a piece of one: its number, 0 for a whole text, the number of the piece, and the text."""
+    return {"said": (fields.get("id", 0), fields.get("chunk_seq", 0), _text(fields["text"]))}
+
+
 def _answer(fields: Fields) -> Values:
     """The answer to a command: the command's number, and the result, 0 where it is accepted."""
     return {"answer": (fields["command"], fields["result"])}
@@ -177,6 +185,7 @@ READERS: dict[str, Callable[[Fields], Values]] = {
     "NAMED_VALUE_FLOAT": _named,
     "COMMAND_ACK": _answer,
     "PARAM_VALUE": _parameter,
+    "STATUSTEXT": _said,
 }
 """The messages that are read, and what each says."""
 
@@ -259,7 +268,11 @@ STALE_S = 5.0
 
 PASSING = frozenset(
     (
+<<<<<<< HEAD
         *("time_s", "named", "answer", "parameter", "reached"),
+=======
+        *("time_s", "named", "answer", "parameter", "reached", "said", "valid", "mission_id"),
+>>>>>>> parent of 628cb969 (What an autopilot says against its mission is read at the ground station alone)
         *("lat_deg", "lon_deg", "velocity_mps", "heading_deg", "altitude_m"),
     )
 )

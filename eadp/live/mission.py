@@ -288,13 +288,19 @@ class Noted(NamedTuple):
     text: str
 
 
+class Holds(NamedTuple):
+    """The autopilot holds the mission of a map, of so many items."""
+
+    items: int
+
+
 class Mapped(NamedTuple):
     """The map that holds from now on; None where the mission is another."""
 
     items: list[MappedItem] | None
 
 
-Output = Outgoing | Warned | Noted | Mapped
+Output = Outgoing | Warned | Noted | Holds | Mapped
 
 Rest = Callable[[], PlannedLegs | None]
 """Gives what is left to fly."""
@@ -535,7 +541,7 @@ class HeldMission:
         for mapped in (self._items, self._exported):
             if same_items([each.item for each in mapped], held[self._home :]):
                 if self._held is None:
-                    self._outputs.append(Noted(f"the autopilot holds the mission of --items: {len(mapped)} items"))
+                    self._outputs.append(Holds(len(mapped)))
                 self._hold(held, mapped, self._uploaded if mapped is self._items else None)
                 return
         if len(held) <= self._home and self._held is None:  # none has been sent yet

@@ -176,7 +176,7 @@ def test_an_empty_autopilot_is_no_other_mission(inputs, missions, lines, kind):
 
 def test_a_moment_without_an_item_changes_none():
     values = values_of("MISSION_CURRENT", {"seq": 65535, "total": 161, "mission_state": 3})
-    assert values == {"item_count": 161}
+    assert values == {"item_count": 161, "valid": True}
     assert values_of("MISSION_CURRENT", {"seq": 0, "total": 65535})["item_count"] is None
 
 
@@ -191,6 +191,66 @@ def test_its_echo_is_no_report(inputs, missions, lines):
     detector = Autopilot(component=192)
     flown._give(detector.frame("named_value_float", 1, b"c2", 4.0))
     assert flown.flight._lines.heard.value("parameter c2", ages=False) == 4.0
+
+
+def ground(flown, seconds, *frames):
+    for second in seconds:
+        flown.now_s = float(second)
+        flown._give(flown.autopilot.heartbeat(armed=False, active=False))
+        flown._give(flown.holder.current_item)
+        for frame in frames:
+            flown._give(frame)
+        flown.flight.tick(flown.now_s)
+        flown._give(b"")
+
+
+def sent_later(flown, text):
+    """On the ground before the mission is sent, and after it with what the autopilot says then."""
+    there, flown.holder.items = flown.holder.items, flown.holder.items[: flown.holder.first]
+    ground(flown, range(2))
+    flown.holder.items = there
+    for frame in flown.holder._text(text):
+        flown._give(frame)
+    ground(flown, range(2, 14))
+
+
+def test_a_mission_that_px4_refuses_is_refused_for_the_pilot(inputs, missions):
+    """It accepts the items, and then says that it will not fly them: the pilot reads that, and not that it is held."""
+    flown = flown_by(PX4, inputs, missions)
+    flown.holder.parameters = {}
+    sent_later(flown, flown.holder.refusal)
+    (held,) = [text for text in flown.said if "holds the mission" in text]
+    assert held.endswith("and refuses it: Mission rejected: Landing waypoint/pattern required.")
+    assert "eadp: the autopilot refuses: Mission rejected: Landing waypoint/pattern required." in flown.texts
+    ground(flown, range(14, 16), *flown.holder.armed())  # in two pieces
+    assert "eadp: the autopilot refuses: Arming denied: Resolve system health failures first" in flown.texts
+    assert not any(fault.severity == "note" and "holds" in fault.message for fault in flown.faults)
+
+
+def test_a_mission_that_is_not_valid_is_not_just_held(inputs, missions):
+    """Newer versions of PX4 say why as an event alone; the state of the mission says that it is."""
+    flown = flown_by(PX4, inputs, missions)
+    flown.holder.parameters = {}
+    flown._give(flown.autopilot.heartbeat(armed=False, active=False) + flown.holder.current_item)
+    (held,) = [text for text in flown.said if "holds the mission" in text]
+    assert "refuses it: no reason given" in held or flown.flight._autopilot.refusal
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("PreArm: DO_LAND_START set and RTL_AUTOLAND disabled", True),
+        ("Arm: Missing mission item: land", True),
+        ("PreArm: GPS 1: Bad fix", False),
+        ("Mission: 7 SetCamTrigDst", False),
+        ("Flight plan received", False),
+    ],
+)
+def test_what_ardupilot_says_against_a_mission_is_told(inputs, missions, text, told):
+    flown = flown_by(ARDUPILOT, inputs, missions)
+    sent_later(flown, text)
+    assert any(text in each for each in flown.texts) is told
+    assert any(each.severity == "note" and "holds the mission" in each.message for each in flown.faults) is not told
 
 
 @pytest.mark.quick(1)

@@ -183,7 +183,7 @@ def test_telemetry_elsewhere_without_a_stage_is_not_acted_on(replan):
     """Until a stage is reported: nothing is decided, nor forecast, and the reason says so."""
     lines = [{key: value for key, value in line.items() if key != "parameters"} for line in EXAMPLE[300:340]]
     lines[20:] = [line | {"stages_started": 30} for line in lines[20:]]
-    _code, decisions, _ = replan(lines)
+    code, decisions, _ = replan(lines)
     before = [line for line in decisions if line["time_s"] < lines[20]["time_s"]]
     assert {line["reason"] for line in before} == {NOT_PLACED}
     assert all("stage-unknown" in line["warnings"] for line in before)

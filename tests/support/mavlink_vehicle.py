@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import struct
@@ -12,7 +13,7 @@ from typing import Any
 from place import ORIGIN
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 
 CAPACITY_AH, VOLTS = 0.3, 14.8
 
@@ -25,6 +26,8 @@ MODES = {
 GLOBAL_FRAMES = (0, 3, 5, 6, 10, 11)
 WAYPOINT, LOITER_TURNS, RETURN, LAND, TAKEOFF, LAND_START = 16, 18, 20, 21, 22, 189
 WITHOUT_PLACE = (RETURN, 178, LAND_START, 206)
+SLOPE_DEG = 0.1
+"""By how much a landing may be steeper than PX4's FW_LND_ANG [°]."""
 
 Item = tuple[int, int, tuple[float, ...]]
 """Command, frame, and seven numbers."""
@@ -206,7 +209,7 @@ class MissionHolder:
                 return [self._frame("mission_request_int", self._due[0])]
             self.items, self.uploads = self._coming if self.px4 else self.items, self.uploads + 1
             self.current = self.first if self.resets else self.current
-            return [self._frame("mission_ack", 0)]
+            return [self._frame("mission_ack", 0), *self._text(self.refusal)]
         if kind == "MISSION_ITEM_INT" and self._due:  # again: what was asked for is lost; as ArduPilot
             return [self._frame("mission_ack", 13), self._frame("mission_request_int", self._due[0])]
         if kind == "MISSION_ITEM_INT":
@@ -234,11 +237,35 @@ class MissionHolder:
 
     @property
     def current_item(self) -> bytes:
-        """The item that is flown to and the number of items, as `MISSION_CURRENT`."""
+        """The item that is flown to, the number of items, and the state of the mission, as `MISSION_CURRENT`."""
         count, last = len(self.items) - self.first, len(self.items) - 1
         if count <= 0:
             return self.autopilot.frame("mission_current", 65535 if self.px4 else 0, 65535 if self.px4 else 0)
-        return self.autopilot.frame("mission_current", min(self.current, last), count)
+        state = 1 if self.px4 and self.refusal else 3
+        return self.autopilot.frame("mission_current", min(self.current, last), count, state)
+
+    @property
+    def refusal(self) -> str:
+        """What the autopilot says against its mission as it is armed; empty where it can be armed with it."""
+        commands = [item[0] for item in self.items]
+        if not self.px4:
+            autoland = LAND_START in commands and not self.parameters.get("RTL_AUTOLAND", 0.0)
+            return "PreArm: DO_LAND_START set and RTL_AUTOLAND disabled" if autoland else ""
+        if self.parameters.get("MIS_TKO_LAND_REQ", 2.0) == 2 and LAND not in commands:
+            return "Mission rejected: Landing waypoint/pattern required.\t"
+        limit_deg = self.parameters.get("FW_LND_ANG", 5.0)
+        for (_, _, before), (command, _, landing) in itertools.pairwise(self.items):
+            distance_m = math.dist(to_local_m(*before[4:6], landing[4:6]), (0.0, 0.0)) if command == LAND else 0.0
+            if command == LAND and math.degrees(math.atan2(before[6] - landing[6], distance_m)) > limit_deg + SLOPE_DEG:
+                steeper = f"steeper than the vehicle setting of {limit_deg} degrees"
+                return f"Mission rejected: the landing glide slope is {steeper}.\t"
+        return ""
+
+    def armed(self) -> list[bytes]:
+        """What is said as it is asked to arm: nothing where it arms, else why it does not."""
+        if not self.refusal:
+            return []
+        return self._text("Arming denied: Resolve system health failures first\t" if self.px4 else self.refusal)
 
     def give_up(self) -> None:
         """End an upload halfway: ArduPilot's first items are new, the rest is old; PX4 keeps its mission."""
@@ -246,6 +273,12 @@ class MissionHolder:
 
     def _kept(self, command: int, frame: int, numbers: tuple[float, ...]) -> Item:
         return (as_px4 if self.px4 else as_ardupilot)(command, frame, numbers)
+
+    def _text(self, text: str) -> list[bytes]:
+        """A critical text, in pieces of 50 characters."""
+        pieces = [text[start : start + 50].encode() for start in range(0, len(text), 50)]
+        number = len(self.kinds) % 65_535 + 1 if len(pieces) > 1 else 0
+        return [self.autopilot.frame("statustext", 2, piece, number, k) for k, piece in enumerate(pieces)]
 
     def _parameter(self, name: str, value: float) -> bytes:
         return self.autopilot.frame("param_value", name.encode(), value, 9, len(self.parameters), 65535)
