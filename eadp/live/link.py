@@ -19,13 +19,8 @@ from eadp.io.text.options import Flag
 from eadp.live.autopilot import ACCEPTED, CRITICAL, CommandedAirspeed, HeardAutopilot, Pilot
 from eadp.live.mavlink import COMPONENT, Link, Message, require_pymavlink, tlog_messages
 from eadp.live.messages import WANTED, LineMaker, ParameterCheck, values_of
-<<<<<<< HEAD
-from eadp.live.mission import PROTOCOL, HeldMission, Mapped, Noted, Outgoing, Output, Warned
-from eadp.live.recorded import TLOG, form_of, log_values
-=======
 from eadp.live.mission import PROTOCOL, HeldMission, Holds, Mapped, Noted, Outgoing, Output, Warned
-from eadp.live.recorded import MISSION, TLOG, form_of, log_values
->>>>>>> parent of 628cb969 (What an autopilot says against its mission is read at the ground station alone)
+from eadp.live.recorded import TLOG, form_of, log_values
 from eadp.live.replanner import DECIDES_AIRSPEED, START, TELEMETRY, Emit, ReplanLog, Replanner, Warn
 from eadp.live.telemetry import numbered_lines, open_telemetry
 from eadp.models.performance import calibrated_over_true
@@ -184,16 +179,12 @@ class LinkFlight:
         if message.kind == "HEARTBEAT":
             begins = first or lost or (values["armed"] and not autopilot.armed)
             self._take_heartbeat(values, first=first)
-<<<<<<< HEAD
-        if message.kind == "MISSION_CURRENT" and mission is not None:
-            self._do(mission.count(values["item_count"], now_s))
-=======
         if message.kind == "MISSION_CURRENT":
             autopilot.judge(values["valid"], now_s)
-            self._count_items(values["item_count"], now_s)
+            if mission is not None:
+                self._do(mission.count(values["item_count"], now_s))
         if values.get("said") is not None:
             autopilot.read_text(values["said"], now_s)
->>>>>>> parent of 628cb969 (What an autopilot says against its mission is read at the ground station alone)
         if self._check is not None and values.get("parameter") is not None:
             name, *number = values["parameter"]
             if (value := self._check.take(name, *number)) is not None:

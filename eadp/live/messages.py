@@ -268,11 +268,7 @@ STALE_S = 5.0
 
 PASSING = frozenset(
     (
-<<<<<<< HEAD
-        *("time_s", "named", "answer", "parameter", "reached"),
-=======
-        *("time_s", "named", "answer", "parameter", "reached", "said", "valid", "mission_id"),
->>>>>>> parent of 628cb969 (What an autopilot says against its mission is read at the ground station alone)
+        *("time_s", "named", "answer", "parameter", "reached", "said", "valid"),
         *("lat_deg", "lon_deg", "velocity_mps", "heading_deg", "altitude_m"),
     )
 )
