@@ -51,7 +51,7 @@ OWN: dict[str, dict[str, str]] = {
         "replan": "eadp.live.command:command",
         "init": "eadp.survey.init:command",
         "vehicle": "eadp.cli.vehicle:command",
-        "report": "eadp.report.command:command",
+        "report": "eadp.report.report:command",
         "schema": "eadp.cli.schema:command",
     },
     "plan_sources": {"mission": "eadp.exchange.reader:MISSION"},

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import IO, Protocol
 
 from eadp.core.signals import SampleMean, average
 from eadp.errors import CommandError, Fault, InputError, printable
-from eadp.io.profile.measurements import Configuration, MeasurementSettings, MeasureOptions, configurations_to_measure
+from eadp.io.profile.measurements import (
+    PARAMETERS_LIMIT,
+    Axis,
+    Configuration,
+    MeasurementSettings,
+    MeasureOptions,
+    read_axes,
+)
 from eadp.measure.power_sensor import Meter, Sensor, choose_sensor
 from eadp.models.profile import shortest, titles
 
@@ -32,6 +41,51 @@ DIGITS = 6
 
 TAIL_BYTES = 400
 """Length of the output that the error of a failed command shows."""
+
+
+CONFIGURATIONS_LIMIT = 1000
+"""Most configurations of one measurement."""
+
+
+def configurations_to_measure(stated: Sequence[str]) -> list[Configuration]:
+    """The configurations to measure, in order, each once.
+
+    `fps=2,4,keysize=32,448` are all four combinations; another option of the same parameters adds to them.
+
+    Parameters
+    ----------
+    stated : sequence of str
+        Values of `--config`, as in `fps=2,4,6`.
+
+    Raises
+    ------
+    InputError
+        Where they cannot be read, are of other parameters, or are more than `CONFIGURATIONS_LIMIT`.
+    """
+    if not stated:
+        raise InputError.at("--config", 1, 1, "nothing to measure", "configurations, as in --config fps=2,4,6")
+    group = [read_axes(raw) for raw in stated]
+    first, *others = (sorted(axis.name for axis in axes) for axes in group)
+    for names, raw in zip(others, stated[1:], strict=True):
+        if names != first:
+            raise InputError.at("--config", 1, 1, "other parameters than before", f"values of {', '.join(first)}", raw)
+    if len(first) > PARAMETERS_LIMIT:
+        raise InputError.at("--config", 1, 1, f"{len(first)} parameters", f"at most {PARAMETERS_LIMIT}")
+    count = sum(math.prod(len(axis.values) for axis in axes) for axes in group)
+    if count > CONFIGURATIONS_LIMIT:
+        raise InputError.at("--config", 1, 1, f"{count} configurations", f"at most {CONFIGURATIONS_LIMIT}")
+    return list(dict.fromkeys(_product(group)))
+
+
+def _product(group: Iterable[Sequence[Axis]]) -> Iterable[Configuration]:
+    """All combinations of each list of axes, one list after the other, parameters in the first list's order."""
+    order: list[str] = []
+    for axes in group:
+        order = order or [axis.name for axis in axes]
+        sorted_axes = sorted(axes, key=lambda axis: order.index(axis.name))
+        names, units = tuple(axis.name for axis in sorted_axes), tuple(axis.unit for axis in sorted_axes)
+        for values in itertools.product(*(axis.values for axis in sorted_axes)):
+            yield Configuration(names, units, values)
 
 
 class Clock(Protocol):

@@ -1,4 +1,4 @@
-"""A result as its HTML page: a flight's folder, a sweep."""
+"""`eadp report`: a result as its HTML page: a flight's folder, a sweep."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from typer import Argument
 
 from eadp.api.flight import OVERRIDES, SUMMARY
 from eadp.api.given import File
 from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.cli.output import emit
 from eadp.errors import EadpError, InputError, printable
 from eadp.io.page import PageSource, check_page, page_html, page_of
 from eadp.io.plan.reader import read_plan
@@ -19,6 +23,7 @@ from eadp.io.plan.sources import is_mission
 from eadp.io.scenario import read_overrides, vehicle_path
 from eadp.io.text.csv import number_fault, read_rows
 from eadp.io.text.json import json_lines
+from eadp.io.text.options import Flag
 from eadp.io.text.streams import Text, output_file, read_text, write_text
 from eadp.io.text.yaml import read_yaml
 from eadp.plug_ins import plug_ins
@@ -78,6 +83,36 @@ def report(result: File, out: File | None = None, keep: File | None = None) -> s
     data = _data(Path(result), page if target == "-" else Path(target), None if keep is None else str(keep))
     write_text(target, page_html(*data))
     return target
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """Where the page goes, and where the flights of a sweep are."""
+
+    out: Annotated[str | None, Flag("-o --out", metavar="FILE")] = None
+    """The page; default: report.html in the folder, or beside the file."""
+
+    keep: Annotated[str | None, Flag(metavar="DIR")] = None
+    """The folders of a sweep's flights, of eadp sweep --keep."""
+
+
+def command(
+    result: Annotated[
+        str,
+        Argument(metavar="RESULT", help="Folder of eadp simulate, or results of eadp sweep."),
+    ],
+    options: ReportOptions,
+) -> int:
+    """Example: eadp report runs/survey
+
+    Write a result as one HTML page, which opens from disk and needs no network.
+
+    Exit code 0 when the page is written, 2 on bad input.
+    """
+    target = report(result, options.out, options.keep)
+    if target != "-":
+        emit(f"written    {printable(target)}")
+    return 0
 
 
 def read_folder(folder: Path) -> FlownFlight:

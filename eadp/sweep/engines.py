@@ -56,15 +56,6 @@ TASK_S = 0.5
 """Time that the runs of a task shall take together [s]."""
 
 
-@dataclass(frozen=True)
-class EngineOptions:
-    """What the choice of an engine depends on: the number of runs, of processes, and a scheduler's address."""
-
-    runs: int
-    jobs: int | None = None
-    scheduler: str | None = None
-
-
 class Engine(Protocol):
     """Makes runs somewhere."""
 
@@ -210,11 +201,6 @@ class SerialEngine:
         self._make = make
         self._runs: deque[Run] = deque()
 
-    @classmethod
-    def chosen(cls, make: Make, options: EngineOptions) -> SerialEngine:
-        """The engine; any options will do."""
-        return cls(make)
-
     @property
     def room(self) -> int:
         """The number of runs that it takes now."""
@@ -261,12 +247,6 @@ class PoolEngine(QueueEngine):
         self.workers = jobs
         self._make = make
         self._start()
-
-    @classmethod
-    def chosen(cls, make: Make, options: EngineOptions) -> PoolEngine | None:
-        """The engine, if there is work for more than one process."""
-        processes = min(options.jobs or cores(), options.runs)
-        return cls(make, processes) if processes > 1 else None
 
     def _start(self) -> None:
         """Open a pool of processes, and the pipe whose closing ends them, see `_end_with`."""
@@ -385,11 +365,6 @@ class DaskEngine(QueueEngine):
         self._threads, self._asked_s = 0, -WORKERS_S
         self._make = make  # sent with each task: what one worker holds for all is lost with it
 
-    @classmethod
-    def chosen(cls, make: Make, options: EngineOptions) -> DaskEngine | None:
-        """The engine, if there is a scheduler's address."""
-        return None if options.scheduler is None else cls(make, options.scheduler)
-
     @property
     def workers(self) -> int:  # type: ignore[override]
         """The number of threads of all workers that the scheduler has, 1 or more; not older than `WORKERS_S`."""
@@ -453,14 +428,9 @@ class DaskEngine(QueueEngine):
             raise EadpError(f"{what}; the results so far are kept") from None
 
 
-ENGINES: dict[str, Callable[[Make, EngineOptions], Engine | None]] = {
-    "dask": DaskEngine.chosen,
-    "pool": PoolEngine.chosen,
-    "serial": SerialEngine.chosen,
-}
-"""Engines by name, in the order in which they are asked; each is None where the options are not for it."""
-
-
-def open_engine(make: Make, options: EngineOptions) -> Engine:
-    """The first engine that the options are for."""
-    return next(engine for choose in ENGINES.values() if (engine := choose(make, options)) is not None)
+def open_engine(make: Make, runs: int, jobs: int | None = None, scheduler: str | None = None) -> Engine:
+    """The engine for a number of runs: of a scheduler's address, else a pool of processes, else of this process."""
+    if scheduler is not None:
+        return DaskEngine(make, scheduler)
+    processes = min(jobs or cores(), runs)
+    return PoolEngine(make, processes) if processes > 1 else SerialEngine(make)

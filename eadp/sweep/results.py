@@ -134,9 +134,6 @@ BUSY_S = 60.0
 PAGE_BYTES = 4096
 """Size of a file without tables."""
 
-KEYS_PER_QUERY = 500
-"""SQLite's own limit may be 999."""
-
 _TABLES = f"""
 CREATE TABLE runs (
     key TEXT PRIMARY KEY, code TEXT NOT NULL, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
@@ -244,13 +241,9 @@ class Results:
 
     def unmade(self, runs: Sequence[Run]) -> list[Run]:
         """Those of some runs that are not made yet."""
-        made: set[str] = set()
+        made = "SELECT 1 FROM runs WHERE error IS NULL AND key = ?"
         with self._sqlite_errors():
-            for i in range(0, len(runs), KEYS_PER_QUERY):
-                some = [run.key for run in runs[i : i + KEYS_PER_QUERY]]
-                query = f"SELECT key FROM runs WHERE error IS NULL AND key IN ({', '.join('?' * len(some))})"
-                made.update(key for (key,) in self._connection.execute(query, some))
-        return [run for run in runs if run.key not in made]
+            return [run for run in runs if self._connection.execute(made, (run.key,)).fetchone() is None]
 
     def store(self, results: Sequence[tuple[Run, Result]]) -> None:
         """Store results; the first of each run stays, in place of an error."""

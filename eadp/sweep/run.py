@@ -23,7 +23,7 @@ from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.streams import read_text
 from eadp.plug_ins import blame
 from eadp.simulation.loop import Outcome, fly
-from eadp.sweep.engines import Engine, EngineOptions, Result, Run, open_engine
+from eadp.sweep.engines import Engine, Result, Run, open_engine
 from eadp.sweep.results import Results, SweepFlight
 from eadp.sweep.sweep_file import Sweep, load_run, read_sweep
 
@@ -104,7 +104,7 @@ def missing_runs(
     # at random: the first runs, from which the time is estimated, are of all the sweep, and two sweeps that write to
     # one file rarely make the same run at once
     random.shuffle(missing)
-    engine = open_engine(FlyRun(sweep.kept, keep=keep), EngineOptions(len(missing), jobs, scheduler))
+    engine = open_engine(FlyRun(sweep.kept, keep=keep), len(missing), jobs, scheduler)
     try:
         yield len(missing), engine.workers, make_runs(map(sweep.run, missing), engine, results)
     finally:

@@ -14,7 +14,7 @@ from collections import Counter
 import pytest
 
 from eadp.errors import EadpError, InputError
-from eadp.sweep.engines import ENGINES, QUEUED, TASK_S, DaskEngine, EngineOptions, PoolEngine, SerialEngine, open_engine
+from eadp.sweep.engines import QUEUED, TASK_S, DaskEngine, PoolEngine, SerialEngine, open_engine
 
 DEATH = functools.partial(os._exit, 3)
 
@@ -77,15 +77,14 @@ def test_a_pool_closes_in_the_middle_of_a_run():
 
 
 def test_the_options_choose_the_engine(monkeypatch):
-    assert list(ENGINES) == ["dask", "pool", "serial"]
-    assert isinstance(open_engine(operator.call, EngineOptions(runs=9, jobs=1)), SerialEngine)
-    assert isinstance(open_engine(operator.call, EngineOptions(runs=1)), SerialEngine)
-    pool = open_engine(operator.call, EngineOptions(runs=2, jobs=9))
+    assert isinstance(open_engine(operator.call, 9, 1), SerialEngine)
+    assert isinstance(open_engine(operator.call, 1), SerialEngine)
+    pool = open_engine(operator.call, 2, 9)
     assert isinstance(pool, PoolEngine)
     assert pool.workers == 2
     pool.close()
     monkeypatch.setattr(DaskEngine, "__init__", lambda engine, make, address: None)
-    assert isinstance(open_engine(operator.call, EngineOptions(runs=1, scheduler="tcp://host:1")), DaskEngine)
+    assert isinstance(open_engine(operator.call, 1, scheduler="tcp://host:1"), DaskEngine)
 
 
 def test_no_scheduler_is_an_error_at_the_option(monkeypatch):

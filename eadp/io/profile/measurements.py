@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import re
@@ -373,16 +372,13 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
     return row
 
 
-# ── configurations in options: of a trace, to measure, or to evaluate ──
-
-CONFIGURATIONS_LIMIT = 1000
-"""Most configurations of one measurement."""
+# ── configurations in options ──
 
 _A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
 
 
 @dataclass(frozen=True)
-class _Axis:
+class Axis:
     """The values of one parameter."""
 
     name: str
@@ -392,64 +388,24 @@ class _Axis:
 
 def parse_configuration(raw: str, option: str = "--config", expected: str = _A_CONFIGURATION) -> Configuration:
     """Read `fps=0.5,keysize=32`, a configuration: one value for each parameter; raises InputError at the option."""
-    axes = _axes(raw, option, expected)
+    axes = read_axes(raw, option, expected)
     for axis in axes:
         if len(axis.values) > 1:
             raise InputError.at(option, 1, 1, f"{len(axis.values)} values of {axis.name}", "one", raw)
-    return next(iter(_product([axes])))
+    names, units, values = zip(*((axis.name, axis.unit, axis.values[0]) for axis in axes), strict=True)
+    return Configuration(names, units, values)
 
 
-def configurations_to_measure(stated: Sequence[str]) -> list[Configuration]:
-    """The configurations to measure, in order, each once.
-
-    `fps=2,4,keysize=32,448` are all four combinations; another option of the same parameters adds to them.
-
-    Parameters
-    ----------
-    stated : sequence of str
-        Values of `--config`, as in `fps=2,4,6`.
-
-    Raises
-    ------
-    InputError
-        Where they cannot be read, are of other parameters, or are more than `CONFIGURATIONS_LIMIT`.
-    """
-    if not stated:
-        raise InputError.at("--config", 1, 1, "nothing to measure", "configurations, as in --config fps=2,4,6")
-    group = [_axes(raw) for raw in stated]
-    first, *others = (sorted(axis.name for axis in axes) for axes in group)
-    for names, raw in zip(others, stated[1:], strict=True):
-        if names != first:
-            raise InputError.at("--config", 1, 1, "other parameters than before", f"values of {', '.join(first)}", raw)
-    if len(first) > PARAMETERS_LIMIT:
-        raise InputError.at("--config", 1, 1, f"{len(first)} parameters", f"at most {PARAMETERS_LIMIT}")
-    count = sum(math.prod(len(axis.values) for axis in axes) for axes in group)
-    if count > CONFIGURATIONS_LIMIT:
-        raise InputError.at("--config", 1, 1, f"{count} configurations", f"at most {CONFIGURATIONS_LIMIT}")
-    return list(dict.fromkeys(_product(group)))
-
-
-def _product(group: Iterable[Sequence[_Axis]]) -> Iterable[Configuration]:
-    """All combinations of each list of axes, one list after the other, parameters in the first list's order."""
-    order: list[str] = []
-    for axes in group:
-        order = order or [axis.name for axis in axes]
-        sorted_axes = sorted(axes, key=lambda axis: order.index(axis.name))
-        names, units = tuple(axis.name for axis in sorted_axes), tuple(axis.unit for axis in sorted_axes)
-        for values in itertools.product(*(axis.values for axis in sorted_axes)):
-            yield Configuration(names, units, values)
-
-
-def _axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> list[_Axis]:
-    """Read `fps=2,4,keysize=32`: a piece without a name is another value of the parameter before it."""
-    axes: list[_Axis] = []
+def read_axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> list[Axis]:
+    """Read `fps=2,4,keysize=32`, as `parse_configuration`: a piece without a name is another value of the last one."""
+    axes: list[Axis] = []
     column = 1
     for piece in raw.split(","):
         title, equals, text = piece.rpartition("=")
         problem, expected = "", form
         if equals:
             heading = read_heading(title.strip())
-            axes.append(_Axis(heading.name, heading.unit, []))
+            axes.append(Axis(heading.name, heading.unit, []))
             problem, expected = heading.problem or ("a power is no parameter" if heading.per_watt else ""), A_NAME
             if heading.name in [axis.name for axis in axes[:-1]]:
                 problem, expected = f"{heading.name} stands twice", "each once"

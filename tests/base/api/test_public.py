@@ -42,7 +42,11 @@ def test_the_public_names_are_these():
 
 
 def test_a_flight_and_the_functions_can_be_pickled():
-    flight = library.simulate(PLAN, SCENARIO, overrides=SHORT)
+    seen = []
+    flight = library.simulate(PLAN, SCENARIO, overrides=SHORT, on_step=seen.append)
+    last = flight.estimates[-1]
+    assert seen == flight.steps
+    assert float(last.forecast_w(3)) == pytest.approx(last.forecast_w(np.array([3.0, 4.0]))[0], rel=1e-12)
     copied = pickle.loads(pickle.dumps(flight))
     assert (copied.summary, copied.steps) == (flight.summary, flight.steps)
     assert copied.inputs.scenario.planner == flight.inputs.scenario.planner
@@ -50,11 +54,6 @@ def test_a_flight_and_the_functions_can_be_pickled():
     with pytest.raises(library.InputError) as caught:
         library.read_plan("nosuch")
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
-
-
-def test_an_estimate_forecasts_at_one_time_or_several():
-    last = library.simulate(PLAN, SCENARIO, overrides=SHORT).estimates[-1]
-    assert float(last.forecast_w(3)) == pytest.approx(last.forecast_w(np.array([3.0, 4.0]))[0], rel=1e-12)
 
 
 WRONG = [
@@ -107,13 +106,6 @@ def test_objects_stand_for_their_files():
     assert by_object.steps == by_path.steps
     assert by_object.inputs.mission.energy == energy
     assert set(by_object.inputs.sources) == {"plan", "scenario", "profile", "energy"}
-
-
-def test_each_step_can_be_followed():
-    seen = []
-    flight = library.simulate(PLAN, SCENARIO, overrides=["time_limit_s=5"], on_step=seen.append)
-    assert seen == flight.steps
-    assert flight.summary["reason"] == "time limit"
 
 
 def test_warnings_are_pythons_or_the_callers(tmp_path):

@@ -49,15 +49,11 @@ PLACED = "%: origin 55.37 10.43\n0.1; 90; x\n0, 400\n"
     ("setting", "expected"),
     [
         ("battery.capacity_ah=3200", "less than or equal to 1000"),  # mAh
-        ("battery.soc=95", "less than or equal to 1"),  # per cent
-        ("faults=[{at_s: 9, soc_drop: 6}]", "less than or equal to 1"),
-        ("vehicle.airframe.mass_kg=1200", "less than or equal to 500"),  # g
         ("vehicle.airframe.max_bank_deg=0.78", "greater than or equal to 2"),  # rad
         ("vehicle.airframe.airspeed_mps=54", "an aeroplane that can fly so"),  # km/h
         ("wind.speed_mps=20", "a wind below the airspeed"),  # km/h
         ("wind.from_deg=2700", "less than or equal to 360"),
         ("wind.speed_mps=6,5", "a number with a decimal point, as in 6.5"),
-        ("c1=2026-11-23", "a number"),
         ("guidance.wind_corrected=yes", "true or false"),
     ],
 )
@@ -104,7 +100,6 @@ def surveyed(**changed):
             "a wind of 20 m/s, no slower than the aircraft; expected less than its 15 m/s; 20 km/h are 5.56 m/s",
         ),  # km/h
         (surveyed(wind="4,2400"), 2, "a bearing of 2400°; expected 0 to 360"),
-        ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000"),
     ],
 )
 def test_what_was_probably_meant(eadp, arguments, code, said):
@@ -204,11 +199,7 @@ def table(head, rows, mark=","):
 @pytest.mark.parametrize(
     ("command", "body", "message"),
     [
-        ("plan", "0,1; 90; x - c1\n0, 400\n[-10, 10]\n", "1:2: error: ',' cannot stand here"),
-        ("plan", "%: origin 55,37 10,43\n0.1; 90; x\n0, 400\n", "1:11: error: no origin"),
         ("plan", "%: origin 155.37 10.43\n0.1; 90; x\n0, 400\n", "latitude and longitude seem to be swapped"),
-        ("plan", "0.1; 1.5708; x\n0, 400\n", "expected a rotation of 90 or 270"),
-        ("profile", "fps,power_w\n2,5,5,1\n3,6\n", "2:5: error: 4 fields; expected 2"),
         (
             "profile",
             'fps,power_w\n"2,5",5\n3,6\n',
@@ -225,7 +216,7 @@ def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
     assert refused(eadp(command, file), message)
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(5)
 @pytest.mark.parametrize(
     ("command", "body", "message"),
     [
@@ -233,7 +224,6 @@ def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
         ("plan", "0.1; 90; x\n0, 400,5\n", "2:1: warning: a trigger with a radius of 5 m, or a decimal comma"),
         ("plan", "0.1; 90; x\n0, 400, 5\n", ""),
         ("profile", "fps,power_w\n2,500\n3,6000\n", "3:3: warning: a power of 6000 W; expected at most 1000 W"),
-        ("fit", table("time_s,power_w", LOG), ""),
         (
             "fit",
             table("time_s,power_w", [(1000 * t, p) for t, p in LOG]),
@@ -244,7 +234,6 @@ def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
             table("time_s,power_w", [(t, 1000 * p) for t, p in LOG]),
             "1:1: warning: a mean power of 2.998e+04 W",
         ),  # mW
-        ("fit", table("time_s,power_w", [(t, -p) for t, p in LOG]), "1:1: warning: a mean power of -29.98 W"),
     ],
 )
 def test_texts_that_may_mean_something_else(eadp, tmp_path, command, body, message):

@@ -89,7 +89,7 @@ def test_a_flight_starts_with_what_is_set(eadp, key):
 def test_settings_name_parameters_as_people_do(eadp, tmp_path):
     """A scenario with titles flies as one with c-numbers, to the last bit, and says what it decided in titles."""
     text = (ROOT / SCENARIO).read_text().replace("../profiles", str(ROOT / "profiles"))
-    outs, seldom = [], ("--set", "step_s=0.1", "--set", "planner.every_s=10")
+    outs, seldom = [], ("--set", "step_s=0.1", "--set", "planner.every_s=10", "--set", "time_limit_s=150")
     for fps, path in (("fps", "spacing"), ("c2", "c1")):
         scenario = tmp_path / f"{fps}.yaml"
         scenario.write_text(
@@ -160,7 +160,7 @@ def test_a_sweep_varies_names(eadp, tmp_path):
 
 
 def test_telemetry_takes_names(eadp, tmp_path):
-    lines = [json.loads(line) for line in (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:90]]
+    lines = [json.loads(line) for line in (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:40]]
     answers = []
     for title in (True, False):
         path = tmp_path / f"{title}.jsonl"
@@ -178,4 +178,4 @@ def test_telemetry_takes_names(eadp, tmp_path):
     assert answers[0].err == answers[1].err
     first, second = ([json.loads(line) for line in answer.out.splitlines()] for answer in answers)
     assert [row["reason"] for row in first] == [row["reason"] for row in second]
-    assert len(first) > 60
+    assert len(first) > 25

@@ -101,6 +101,7 @@ def files(validate, folder):
     return kinds
 
 
+@pytest.mark.slow
 def test_files_of_results_have_their_labels(eadp, validate, tmp_path):
     job, flown, flight = tmp_path / "job", tmp_path / "flown", tmp_path / "flight"
     scenario = tmp_path / "given.yaml"

@@ -7,7 +7,6 @@ import json
 import math
 import re
 import sys
-from pathlib import Path
 
 import pytest
 from broken_osqp import BROKEN, broken_osqp
@@ -96,47 +95,6 @@ def test_an_existing_folder_is_refused_unless_forced(eadp, tmp_path, line_plan):
     assert refused(eadp("simulate", line_plan, "--figure", "paper"), "--figure:1:1: error:", "-o DIR")
 
 
-def tree(folder):
-    """All that lies in a folder, with its content."""
-    return {path: path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))}
-
-
-def test_a_folder_with_anything_else_is_not_replaced(eadp, tmp_path, line_plan, monkeypatch):
-    project = tmp_path / "home/project"
-    (project / "sub").mkdir(parents=True)
-    for name in ("thesis.tex", "sub/data.csv", "my.plan"):
-        (project / name).write_bytes(Path(line_plan).read_bytes())
-    (tmp_path / "link").symlink_to(project)
-    monkeypatch.chdir(project)
-    before = tree(tmp_path)
-    for place in (".", "..", tmp_path / "home", tmp_path / "link", project / "sub"):
-        assert refused(eadp("simulate", "my.plan", "-o", place, "--force"), f"{place}:1:1: error:", "is not replaced")
-        assert tree(tmp_path) == before
-    answer = eadp("simulate", line_plan, "-o", "sub", "--force")
-    assert refused(answer, "sub:1:1: error: holds data.csv, which is no file of a result")
-    (project / "result").mkdir()
-    monkeypatch.chdir(project / "result")
-    assert refused(eadp("simulate", line_plan, "-o", ".", "--force"), "is the working folder")
-
-
-@pytest.mark.parametrize("stranger", ["notes.txt", "inputs/notes.txt", "sub/empty", "link"])
-def test_the_first_stranger_in_a_result_is_named(eadp, tmp_path, line_plan, stranger):
-    folder = tmp_path / "result"
-    eadp("simulate", line_plan, "-o", folder)
-    if stranger == "link":
-        (folder / "flight.csv").unlink()
-        (folder / "flight.csv").symlink_to(line_plan)
-    elif stranger == "sub/empty":
-        (folder / stranger).mkdir(parents=True)
-    else:
-        (folder / stranger).write_text("mine")
-    before, named = tree(folder), {"link": "flight.csv", "sub/empty": "sub"}.get(stranger, stranger)
-    assert refused(
-        eadp("simulate", line_plan, "-o", folder, "--force"), f"{folder}:1:1: error: holds {named}, which is"
-    )
-    assert tree(folder) == before
-
-
 def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_path):
     folder = tmp_path / "joint"
     often = ("--set", "planner.joint.max_interval_s=0")
@@ -169,7 +127,7 @@ def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):
 @pytest.mark.parametrize("format_", few(["text", "json"], 1))
 def test_failed_runs_of_the_solver_are_seen(eadp, format_):
     """The fallback of planner joint completes the flight, too."""
-    seldom = "--set", "planner.every_s=10"
+    seldom = "--set", "planner.every_s=10", "--set", "step_s=0.1"
     flight = ("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", format_, *seldom)
     sound = eadp(*flight, "--strict-solver")
     assert (sound.code, sound.err) == (0, "")
@@ -208,10 +166,8 @@ def test_a_plan_on_standard_input(eadp, monkeypatch):
 # --- what is refused
 
 BAD_SETS = [
-    ("wind.speed_mps=-1", "wind.speed_mps"),
     ("wind.speed_mps=.nan", "not a finite number"),
     ("wind.speed=3", "unknown key wind.speed"),
-    ("nosuch=1", "unknown key nosuch"),
     ("planner.name=greedy", "unknown planner greedy"),
     ("vehicle.airframe.model=balloon", "unknown vehicle.airframe.model balloon; expected one of fixed-wing, paper"),
     ("vehicle.max_bank_deg=30", "unknown key vehicle.max_bank_deg; expected vehicle.airframe.max_bank_deg"),
@@ -219,20 +175,14 @@ BAD_SETS = [
     ("planner.horizon_s=6", "unknown key planner.horizon_s; expected planner.paper.horizon_s"),
     ("planner.start_after_s=9", "expected planner.paper.start_after_s or planner.joint.start_after_s"),
     ("planner.reserve_soc=0.1", "unknown key planner.reserve_soc; expected reserve_soc"),
-    ("wind={from_deg: 3, towards_deg: 4}", "wind.from_deg and wind.towards_deg are both given"),
-    ("step_s=0", "step_s"),
     ("parameters.c7=1", "no parameter c7"),
     ("c1=-2000", "outside its set"),
     ("bounds={c1: [0, 1]}", "carry sets"),
-    ("faults=[{at_s: 3}]", "faults.0.soc_drop"),
-    ("seed=1.5", "a whole number"),
     ("battery.prescribed=[[5, 1], [4, 1]]", "times that go back"),
     ("planner.weights={c5: 1}", "no parameter c5"),
     ("=3", "--set:1:1"),
     ("wind.speed_mps=[1", "--set:1:"),
-    ("wind.speed_mps=*x", "alias"),
     ("time_limit_s=1e9", "steps"),
-    ("planner.paper.delta={c1: 0}", "planner.paper.delta.c1"),
 ]
 
 
@@ -248,6 +198,7 @@ BAD_SCENARIOS = [
     ("wind: {speed_mps: 5}\n", ":1:1: error: has no key schema"),
     ("schema: eadp.scenario/1\nwimd: {}\n", ":2:1: error: unknown key wimd"),
     ("schema: eadp.scenario/1\nwind: [\n", ": error: is not YAML"),
+    ("schema: eadp.scenario/1\nguidance: {k_d: -1}\n", ":2:12: error: guidance.k_d is negative: the aircraft turns"),
     ("schema: eadp.scenario/1\nprofile: nosuch.yaml\n", "nosuch.yaml:1:1: error: cannot be read"),
 ]
 
@@ -328,21 +279,6 @@ def test_a_vehicle_file_is_flown_and_copied(eadp, line_plan, tmp_path):
     assert "airspeed_mps: 20" in (out / "inputs" / "vehicle-s.yaml").read_text()
 
 
-@pytest.mark.parametrize(
-    ("key", "message"),
-    [
-        ("wind.speed_mps=15", "a wind of 15 m/s, at an airspeed of 15 m/s; expected a wind below the airspeed"),
-        ("guidance.k_d=-1", "guidance.k_d is negative: the aircraft turns away from its path; expected 0 or more, but"),
-        ("time_limit_s=1e-300", "time_limit_s cannot be 1e-300; expected greater than or equal to 0.001"),
-        ("wind.gust_std_mps=1e300", "wind.gust_std_mps cannot be 1e+300"),
-    ],
-)
-def test_settings_that_no_flight_has(eadp, key, message):
-    answer = eadp("simulate", "plans/survey.plan", "--scenario", "scenarios/survey.yaml", "--set", key)
-    assert (answer.code, answer.out) == (2, "")
-    assert message in answer.err
-
-
 def test_too_little_memory_is_exit_2(eadp, monkeypatch):
     def hungry(*_args, **_options):
         raise MemoryError("Unable to allocate 7.28 TiB")
@@ -376,7 +312,13 @@ def test_the_first_line_names_aircraft_battery_and_wind(eadp, line_plan):
 @pytest.mark.usefixtures("drawn")
 def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_json(eadp, tmp_path):
     folder = tmp_path / "home"
-    keys = ("battery.capacity_ah=0.25", "home.position_m=[0, -1000]", "on_infeasible=home", "step_s=0.05")
+    keys = (
+        "battery.capacity_ah=0.25",
+        "home.position_m=[0, -1000]",
+        "on_infeasible=home",
+        "step_s=0.1",
+        "planner.every_s=3",
+    )
     answer = eadp(
         "simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder,
         *(part for key in keys for part in ("--set", key)),

@@ -324,13 +324,6 @@ def test_canonical_text_of_the_short_form_is_the_short_form():
     assert plan_text(read(loose)) == SHORT
 
 
-def test_canonical_text_keeps_the_headers():
-    head = (
-        "%: computations fps [1/s], keysize\n%: trigger-radius 15.5\n%: min-radius 30\n%: origin 55.37 10.43\n-10, -1\n"
-    )
-    assert plan_text(read(head + laps(2, ""))).startswith(head)
-
-
 numbers = st.one_of(st.integers(-(10**6), 10**6).map(float), st.floats(-1e9, 1e9))
 paths = st.sampled_from(
     [
@@ -555,13 +548,6 @@ def test_a_plan_that_is_too_long():
         read_plan(Text("a.plan", stage * (LIMIT_STAGES + 100)))
     with pytest.raises(InputError, match=f"too large for a plan; expected at most {LIMIT_CHARACTERS} characters"):
         read_plan(Text("a.plan", stage + " " * LIMIT_CHARACTERS))
-
-
-@pytest.mark.parametrize(("origin", "swapped"), [("120 10", True), ("-91, 0", True), ("120 100", False), ("1", False)])
-def test_an_origin_whose_coordinates_are_swapped(origin, swapped):
-    with pytest.raises(InputError, match=r"a.plan:1:\d+: error: no origin") as caught:
-        read_plan(Text("a.plan", f"%: origin {origin}\n0.05; 90; y\n30, 0\n"))
-    assert ("seem to be swapped" in str(caught.value)) == swapped
 
 
 def test_headers_of_stages_hold_from_the_next_stage_on_and_are_written_back():

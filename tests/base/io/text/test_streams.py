@@ -298,6 +298,40 @@ def test_a_damaged_list_of_files_protects_all(tmp_path, text):
     assert fault_of(check_new_folder, str(tmp_path / "i"), force=True).message.startswith("holds ")
 
 
+def tree(folder):
+    """All that lies in a folder, with its content."""
+    return {path: path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))}
+
+
+@pytest.mark.parametrize("stranger", ["notes.txt", "inputs/notes.txt", "sub/empty", "link"])
+def test_the_first_stranger_in_a_result_is_named(tmp_path, stranger):
+    target = tmp_path / "result"
+    with new_folder(str(target), force=False) as folder:
+        (folder / "inputs").mkdir()
+        for name in ("flight.csv", "inputs/a.plan"):
+            (folder / name).write_text("x")
+    if stranger == "link":
+        (target / "flight.csv").unlink()
+        (target / "flight.csv").symlink_to(__file__)
+    elif stranger == "sub/empty":
+        (target / stranger).mkdir(parents=True)
+    else:
+        (target / stranger).write_text("mine")
+    before, named = tree(target), {"link": "flight.csv", "sub/empty": "sub"}.get(stranger, stranger)
+    message = fault_of(check_new_folder, str(target), force=True).message
+    assert message.startswith(f"holds {named}, which is no file of a result")
+    assert tree(target) == before
+
+
+def test_the_working_folder_is_not_replaced(tmp_path, monkeypatch):
+    (tmp_path / "home/result").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "home/result")
+    monkeypatch.chdir(tmp_path / "home/result")
+    for place in (".", "../../link"):
+        assert fault_of(check_new_folder, place, force=True).message.startswith("is the working folder")
+    assert fault_of(check_new_folder, "..", force=True).message.startswith("holds result, which")
+
+
 def test_a_file_is_no_folder_even_by_force(tmp_path):
     path = written(tmp_path, b"x")
     for force in (False, True):

@@ -218,13 +218,6 @@ def test_digits_have_a_limit():
         assert said == f"s.yaml:1:4: error: a number of more than {DIGITS_LIMIT} digits"
 
 
-def test_a_million_aliases_do_not_multiply():
-    laughs = "a: &a [x,x,x]\n" + "".join(
-        f"{b}: &{b} [*{a},*{a},*{a}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
-    )
-    assert faults_of(laughs) == ["s.yaml:1:4: error: a YAML alias or anchor; expected the value written out"]
-
-
 # --- whatever comes ---------------------------------------------------------------------------------------------------
 
 

@@ -133,9 +133,7 @@ BAD = [
     ),
     ("airframe: {model: paper, aspect_ratio: 3}", ":2:26: error: airframe.aspect_ratio is a key of model fixed-wing"),
     ("airframe: {model: kite}", ":2:12: error: unknown airframe.model kite; expected one of fixed-wing, paper"),
-    ("airframe: {mass_kg: -3}", ":2:12: error: airframe.mass_kg cannot be -3"),
     ("battery: {voltage_empty_v: 15}", ":2:11: error: battery.voltage_empty_v: 15 V is above voltage_v"),
-    ("battery: {max_c_rate: 0}", ":2:11: error: battery.max_c_rate cannot be 0"),
     (
         "battery: {cells: 4, chemistry: nicd}",
         ":2:21: error: battery.chemistry nicd is none of lipo, lihv, li-ion, lifepo4",
@@ -145,8 +143,6 @@ BAD = [
         "battery: {cells: 4, voltage_v: 16}",
         ":2:21: error: battery.cells and battery.voltage_v are both given; expected one of the two",
     ),
-    ("wind: {}", ":2:1: error: unknown key wind"),
-    ("data_sheet: {span_m: 2}", ":2:1: error: the key data_sheet.mass_kg is missing"),
     (f"data_sheet: {STATED}}}", ":2:1: error: data_sheet has no endurance; expected endurance_min or cruise_power_w"),
     (
         f"data_sheet: {STATED}, endurance_min: 60}}",
@@ -155,10 +151,6 @@ BAD = [
     (
         f"data_sheet: {STATED}, endurance_min: 60, pack_wh: 9000}}",
         ":2:1: error: data_sheet has 9e+03 W at 17 m/s, of 3.4 kg with a span of 2.1 m, of which such an aircraft",
-    ),
-    (
-        "data_sheet: {span_m: 2, mass_kg: 3400, airspeed_mps: 17}",
-        ":2:25: error: data_sheet.mass_kg cannot be 3400; expected less than or equal to 500",
     ),
     (
         f"airframe: {{model: paper}}\ndata_sheet: {STATED}, cruise_power_w: 100}}",

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.io.profile.measurements import Configuration, configurations_to_measure, parse_configuration
+from eadp.io.profile.measurements import Configuration, parse_configuration
+from eadp.measure.measuring import configurations_to_measure
 
 number = st.integers(-10_000, 10_000).map(lambda k: k / 16)
 
