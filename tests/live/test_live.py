@@ -6,7 +6,6 @@ import itertools
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from common import ROOT, few_rows
 from common.plans import STADIUM
@@ -167,24 +166,6 @@ def test_the_ground_velocity_is_estimated_from_positions():
         assert abs(behind) < 0.06
     # long after the last position they begin anew
     assert ground.update(Sample(1000.0, (0.0, 0.0), None, None)) is None
-
-
-def test_the_ground_velocity_is_that_of_the_last_seconds():
-    """Ten metres a second, then twenty, a sample each half second: after 2.5 s nothing is left of the ten, and a sample
-    of 2.5 s ago still counts."""
-    ground, x, found = _GroundVelocity(15.0), 0.0, {}
-    for k in range(40):
-        speed = 10.0 if k <= 20 else 20.0
-        x += speed * 0.5 * (k > 0)
-        velocity = ground.update(Sample(0.5 * k, (x, 0.0), None, None))
-        found[k] = velocity and velocity[0]
-    assert found[20] == pytest.approx(10)
-    # the window holds the samples 20 to 25, all after the change
-    assert found[25] == pytest.approx(20)
-    # and here 19 to 24: by the parabola through 0, 5, 15, 25, 35, 45 m from −2.5 to 0 s
-    times = np.arange(-2.5, 0.1, 0.5)
-    parabola = np.polyfit(times, [0, 5, 15, 25, 35, 45], 2)
-    assert found[24] == pytest.approx(parabola[1])
 
 
 def test_advice_comes_once_a_second_and_when_parameters_change(recorded):

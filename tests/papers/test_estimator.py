@@ -162,19 +162,6 @@ def test_a_reading_outside_the_gate_corrects():
     assert np.trace(covariance(estimator)) < np.trace(covariance(missing))
 
 
-def test_an_update_is_the_textbook_one():
-    """Against (I − KC) P with K from the innovation's variance, which the Joseph form must equal."""
-    estimator = fed(ExactEstimator(NOISES, PERIOD_S, period_std_s=0.0), [0.0, 0.3, 1.1])
-    turn = expm(whole_matrix() * 0.6)
-    predicted = turn @ covariance(estimator) @ turn.T + process_noise(0.6)
-    gain = predicted @ ROW / (ROW @ predicted @ ROW + NOISES.noise_w**2)
-    after = turn @ state(estimator)
-    after = after + gain * (40.0 - ROW @ after)
-    estimator.observe(1.7, 40.0)
-    assert state(estimator) == pytest.approx(after, abs=ROUNDING)
-    assert covariance(estimator) == pytest.approx((np.eye(SIZE) - np.outer(gain, ROW)) @ predicted, abs=1e-7)
-
-
 def test_it_starts_from_the_first_reading_in_the_mean():
     estimator = ExactEstimator(EstimatorSettings(), PERIOD_S)
     estimator.observe(0.0, None)

@@ -76,3 +76,16 @@ def test_slopes_by_the_period(duration_s):
     assert forecast_variance.power_by_period(STATE, PERIOD_S, [duration_s]) == pytest.approx(
         (power[1] - power[0]) / (2 * h), abs=1e-6
     )
+
+
+@pytest.mark.parametrize("time_s", [0.2, 5.0, 900.0])
+def test_the_disturbance_is_a_matern_process(time_s):
+    """Its covariance is stationary, and over a time apart as Rasmussen and Williams 2006 have it, Eq. 4.17."""
+    stationary, rate = forecasting.stationary_covariance(STD_W, time_s), math.sqrt(3) / time_s
+    scale = STD_W**2 * np.outer([1.0, rate], [1.0, rate])
+    for apart_s in np.array([0.0, 0.06, 0.5, 2.8]) * time_s:
+        turn = forecasting.transition(apart_s, time_s)
+        again = turn @ stationary @ turn.T + forecasting.process_noise(apart_s, STD_W, time_s)
+        assert again / scale == pytest.approx(stationary / scale, abs=1e-9)
+        known = STD_W**2 * (1 + rate * apart_s) * math.exp(-rate * apart_s)
+        assert (turn @ stationary)[0, 0] == pytest.approx(known)
