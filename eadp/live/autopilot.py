@@ -275,8 +275,6 @@ class Pilot:
         self._passed: int | None = None  # how many of `MARKS_MIN` there are above the minutes left; None before any
         self._infeasible_s: float | None = None  # when a plan was infeasible that is not known to be feasible again [s]
         self._texts = 0  # the number of the last text that was sent in pieces
-        # whether the mission is flown, and whether the autopilot flies home, as read last
-        self._mode = (True, False)
 
     # --- warnings
 
@@ -303,18 +301,6 @@ class Pilot:
             self._warn(fault)
 
     # --- at the ground station
-
-    def mode(self, flies_mission: bool | None, *, returns: bool) -> None:
-        """Have the pilot read, once at each change in flight, that the mission is not flown, or flown again."""
-        if flies_mission is None or (flies_mission, returns) == self._mode:
-            return
-        self._mode = flies_mission, returns
-        if returns:
-            text = "the autopilot flies home: nothing of the survey is sent"
-        else:
-            text = "the mission is flown again" if flies_mission else "the mission is not flown: nothing is uploaded"
-        self.note(text)
-        self.show(text, NOTICE)
 
     def decision(self, line: Mapping[str, Any], *, completes: bool, flown: bool = True, returns: bool = False) -> None:
         """Send a decision's numbers to the ground station, and its reason as a text, if that says something new.

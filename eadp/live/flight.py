@@ -277,8 +277,8 @@ class LiveFlight:
             self._messages.reasons.append(TAKE_OFF)
             self._tracker.guessed = self._began_elsewhere = away
         executor = self._tracker.executor
-        known = {"start_m": executor.joined_m, "parameters": executor.parameters}
-        mission = replace(mission, **known, live=True, clock_s=self._origin_s)
+        mission = replace(mission, start_m=executor.joined_m, parameters=executor.parameters)
+        mission = replace(mission, live=True, clock_s=self._origin_s)
         self._flight, self._held = self._make(mission)
 
     def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:

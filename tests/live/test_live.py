@@ -298,36 +298,6 @@ def test_a_parameter_that_is_on_its_way_is_held_no_longer(recorded):
     assert "not-applied" in warnings_after(100, 0.0)
 
 
-def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recorded):
-    """What it reports is in force then, and the stage stays the one of the positions."""
-    inputs = recorded[0]
-
-    class Deciding(Recorder):
-        """Decides once, in the first stage."""
-
-        def update(self, state):
-            decision = super().update(state)
-            return decision._replace(parameters=(-500.0, 10.0)) if state.now.time_s > 5 else decision
-
-        next_update_s = 0.0
-
-    flown = inputs_of("static", step_s=0.01, time_limit_s=90.0)  # fine: samples lie beside the starts of stages
-    watching = watched(flown, Deciding)
-    for _ in fly(flown.world, watching, Outcome()):
-        pass
-    recorder = watching.planner
-    held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    flight = LiveFlight(inputs.mission, lambda _: (watched(flown, Deciding), held), 1.0)
-    ahead = 0
-    for o, later in itertools.pairwise(recorder.seen[99::100]):
-        reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
-        advice, _ = flight.update(Sample(o.time_s, o.position_m, o.sample.power_w, o.soc, parameters=reported))
-        ahead += o.parameters[0] != later.parameters[0]
-        assert advice.stage == o.stage
-        assert advice.in_force["c1"] == later.parameters[0]
-    assert ahead > 0
-
-
 def test_a_value_that_is_reported_all_the_time_is_not_one_that_is_not_applied(recorded):
     """A computation that runs at another rate than commanded follows its commands all the same."""
     applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
