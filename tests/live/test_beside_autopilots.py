@@ -287,17 +287,4 @@ def test_the_end_of_a_plan_is_told_though_its_mission_is_over(inputs, missions):
     assert flown.texts[-1] == "eadp: final point reached"
 
 
-def test_that_a_plan_is_feasible_again_is_told(inputs, missions):
-    flown = in_mode(flown_by(ARDUPILOT, inputs, missions), recorded()[:20], "mission")
-    last, now_s = flown.decisions[-1], flown.decisions[-1]["time_s"]
-    for after_s, reason in ((1, "battery short since 3.0 s: by"), (2, "kept"), (6, "battery short since 9.0 s: by")):
-        flown.flight._decided({**last, "time_s": now_s + after_s, "reason": reason})
-    for after_s in range(7, 30):
-        flown.flight._decided({**last, "time_s": now_s + after_s, "reason": "kept"})
-    told = [text for text in flown.texts if "battery short" in text or "finished" in text]
-    assert ["again" in text for text in told] == [False, True]
-    flown.flight._decided({**last, "time_s": now_s + 40, "reason": "battery short since 3.0 s: by"})
-    assert "battery short" in flown.texts[-1]
-
-
 # --- a recording of PX4

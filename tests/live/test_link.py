@@ -25,7 +25,6 @@ from mavlink_vehicle import Autopilot, frames, is_near, recorded, tlog
 from eadp.api.inputs import load_flight
 from eadp.errors import InputError
 from eadp.exchange.autopilot import AT_MOST, AutopilotParameter
-from eadp.exchange.writer import read_items
 from eadp.live import mavlink
 from eadp.live.autopilot import INTERVALS
 from eadp.live.link import LinkFlight, LinkOptions
@@ -176,29 +175,6 @@ def test_the_charge_drawn_counts_before_the_share_that_remains(inputs):
     assert "soc" not in line
     (later,) = lines_of(maker, {"time_s": 2.0 + STALE_S, "lat_deg": 55.0, "lon_deg": 10.0})
     assert later["current_consumed_ah"] is None  # old, and the coarser share does not take its place
-
-
-def test_an_item_that_is_reached_gives_the_next_one(eadp, plan, inputs, tmp_path):
-    mission = tmp_path / "survey.waypoints"
-    assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
-    items = read_items(f"{mission}.items.json", ("c1",))
-    said = []
-    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, items, said.append)
-    maker.update(heartbeat(12))
-
-    def after(kind, number):
-        maker.update(values_of(kind, {"seq": number}))
-        return maker.item
-
-    assert after("MISSION_ITEM_REACHED", 2) == 3
-    assert after("MISSION_CURRENT", 5) == 5
-    assert after("MISSION_ITEM_REACHED", 4) == 5  # late
-    assert after("MISSION_ITEM_REACHED", 5) == 6
-    assert after("MISSION_CURRENT", 1) == 1  # the pilot goes back
-    assert after("MISSION_ITEM_REACHED", 5) == 1  # said again
-    assert after("MISSION_ITEM_REACHED", len(items) - 1) == len(items) - 1
-    maker.update({"time_s": 1.0, "lat_deg": 55.37, "lon_deg": 10.43})
-    assert said == []
 
 
 # --- decisions
