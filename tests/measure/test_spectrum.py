@@ -78,16 +78,6 @@ def test_a_periodogram_peaks_at_the_period() -> None:
     assert flat.tolist() == [0.0] * 7
 
 
-def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
-    times = np.arange(0.0, 400.0, 0.1)
-    period, share = periodogram(times, signal(times), order=1, points=40)
-    bins = times.reshape(-1, 2).mean(axis=1)  # 0.2 s each
-    other, binned_share = periodogram(bins, signal(times).reshape(-1, 2).mean(axis=1), order=1, points=40)
-    assert period[0] == pytest.approx(8 * 0.2, rel=1e-3)
-    assert period == pytest.approx(other, rel=1e-3)
-    assert share == pytest.approx(binned_share, abs=0.01)
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("periods", [2, 2.5, 7.4])
 def test_period_of_a_clean_log(periods: float) -> None:
@@ -498,13 +488,6 @@ def test_surrogates_are_the_same_each_time() -> None:
     power = signal(times) + 2 * np.asarray(lfilter([0.4], [1, -0.9], rng.normal(size=len(times))))
     one, other = analyse(times, power), analyse(times, power)
     assert 0 < one.chance == other.chance < 1
-
-
-@pytest.mark.parametrize("prior_s", [1e-3, 500.0])
-def test_a_prior_that_the_log_cannot_tell(prior_s: float) -> None:
-    times = sampled(4)
-    with pytest.raises(Infeasible, match="no period near"):
-        analyse(times, noisy(times), period_prior_s=prior_s)
 
 
 def test_too_few_samples() -> None:

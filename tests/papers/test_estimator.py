@@ -113,22 +113,6 @@ def test_prediction_does_not_depend_on_how_time_is_cut():
     assert covariance(fine) == pytest.approx(covariance(coarse), abs=ROUNDING)
 
 
-@pytest.mark.quick(3)
-@pytest.mark.parametrize("gate_w", [0.0, 0.3])
-@pytest.mark.parametrize("seed", range(3))
-def test_the_covariance_stays_symmetric_and_positive(seed, gate_w):
-    rng = np.random.default_rng(seed)
-    estimator = ExactEstimator(EstimatorSettings(gate_w=gate_w), PERIOD_S)
-    time_s = 0.0
-    for k in range(1500):
-        time_s += rng.choice([1e-4, 0.01, 0.1, 5.0]) if 300 < k < 600 else 0.1
-        estimator.observe(time_s, None if rng.random() < 0.02 else signal_w(time_s) + rng.normal(0.0, 0.5))
-        if k % 7 == 0:
-            matrix = covariance(estimator)
-            assert np.allclose(matrix, matrix.T, rtol=0, atol=ROUNDING)
-            assert np.linalg.eigvalsh(matrix).min() > 0
-
-
 def process_noise(step_s):
     noise_w, std_w, time_s = NOISES.noise_w, NOISES.disturbance_std_w, NOISES.disturbance_time_s
     # a share of the noise, as the settings' own drifts are less; laps have no spread where this is used
