@@ -18,7 +18,6 @@ from eadp.live.replanner import Warn
 from eadp.models.autopilot import ARDUPILOT, LIMITS, PX4
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import RETURN
-from eadp.planning.base import INFEASIBLE, SHORT, TOO_WINDY
 from eadp.planning.state.flight_state import CELL_LOST
 
 HEARTBEAT_S, LOST_S = 1.0, 5.0
@@ -262,8 +261,6 @@ TEXT_CHARACTERS, NAME_CHARACTERS, MAX_TEXT = 50, 10, 200
 MARKS_MIN = (60, 45, 30, 20, 15, 10, 5, 3, 2, 1)
 """Minutes left for the way home at which the pilot reads how many there are; at `FEW_MIN` and fewer as a warning."""
 FEW_MIN = 5
-FEASIBLE_S = 10.0
-"""For how long a plan is feasible again before the pilot reads it [s]."""
 
 _NUMBERS = re.compile(r"[-+.\d]+")
 """Numbers in a text: texts that differ in them alone say the same thing."""
@@ -304,10 +301,7 @@ class Pilot:
         self._about = ""  # the parameters, and the reason without its numbers, of the last text of a decision
         self._path = tuple(parameters[: plan.path_count])  # last decided
         self._passed: int | None = None  # how many of `MARKS_MIN` there are above the minutes left; None before any
-        self._infeasible_s: float | None = None  # when a plan was infeasible that is not known to be feasible again [s]
         self._texts = 0  # the number of the last text that was sent in pieces
-        # whether the mission is flown, and whether the autopilot flies home, as read last
-        self._mode = (True, False)
 
     # --- warnings
 
@@ -335,23 +329,11 @@ class Pilot:
 
     # --- at the ground station
 
-    def mode(self, flies_mission: bool | None, *, returns: bool) -> None:
-        """Have the pilot read, once at each change in flight, that the mission is not flown, or flown again."""
-        if flies_mission is None or (flies_mission, returns) == self._mode:
-            return
-        self._mode = flies_mission, returns
-        if returns:
-            text = "the autopilot flies home: nothing of the survey is sent"
-        else:
-            text = "the mission is flown again" if flies_mission else "the mission is not flown: nothing is uploaded"
-        self.note(text)
-        self.show(text, NOTICE)
-
     def decision(self, line: Mapping[str, Any], *, completes: bool, flown: bool = True, returns: bool = False) -> None:
         """Send a decision's numbers to the ground station, and its reason as a text, if that says something new.
 
         While the mission is not `flown` its reasons are none of the flight. While the autopilot `returns`, the
-        parameters are not sent either. That a plan can be finished again is a text after `FEASIBLE_S`.
+        parameters are not sent either.
         """
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
         parameters, left_min = () if returns else self._plan.parameters, _left_min(line)
@@ -366,11 +348,6 @@ class Pilot:
         # where it does not start with their name
         about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
         path = self._new_path(line)
-        if any(word in line["reason"] for word in (SHORT, TOO_WINDY, INFEASIBLE)):
-            self._infeasible_s = line["time_s"]
-        elif self._infeasible_s is not None and flown and line["time_s"] - self._infeasible_s > FEASIBLE_S:
-            self._infeasible_s, self._about = None, ""
-            self.show("the plan can be finished again", NOTICE)
         speaks = (flown and not returns) or line["reason"] == COMPLETED
         if speaks and (line["reason"] != KEPT or path) and about != self._about:
             self._about = about

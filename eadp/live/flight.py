@@ -276,8 +276,9 @@ class LiveFlight:
         else:
             self._messages.reasons.append(TAKE_OFF)
             self._tracker.guessed = self._began_elsewhere = away
-        executor, at_s = self._tracker.executor, self._origin_s
-        mission = replace(mission, start_m=executor.joined_m, parameters=executor.parameters, live=True, clock_s=at_s)
+        executor = self._tracker.executor
+        mission = replace(mission, start_m=executor.joined_m, parameters=executor.parameters)
+        mission = replace(mission, live=True, clock_s=self._origin_s)
         self._flight, self._held = self._make(mission)
 
     def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:

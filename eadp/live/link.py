@@ -198,8 +198,6 @@ class LinkFlight:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
         restarts = self._lines.heard.restarts
         self.update(values)
-        if self._lines.flown:
-            self._pilot.mode(self._lines.flies_mission, returns=self._lines.returns)
         self._airspeed.pass_items(self._lines.items, self._lines.index)
         if begins or self._lines.heard.restarts > restarts:
             autopilot.ask()

@@ -179,7 +179,6 @@ READERS: dict[str, Callable[[Fields], Values]] = {
     "WIND_COV": lambda fields: {"wind_mps": [fields["wind_y"], fields["wind_x"]]},
     "SYSTEM_TIME": lambda fields: {"time_s": fields["time_boot_ms"] / 1e3},
     "MISSION_CURRENT": _item,
-    "MISSION_ITEM_REACHED": lambda fields: {"reached": fields["seq"]},
     "HEARTBEAT": _heartbeat,
     "EXTENDED_SYS_STATE": _landed,
     "NAMED_VALUE_FLOAT": _named,
@@ -268,7 +267,7 @@ STALE_S = 5.0
 
 PASSING = frozenset(
     (
-        *("time_s", "named", "answer", "parameter", "reached", "said", "valid"),
+        *("time_s", "named", "answer", "parameter", "said", "valid"),
         *("lat_deg", "lon_deg", "velocity_mps", "heading_deg", "altitude_m"),
     )
 )
@@ -360,7 +359,6 @@ class LineMaker:
         self.autopilot: dict[str, float] = {}
         self._said: dict[str, Any] = {}  # of the autopilot, in the last line that has it
         self.decided: tuple[float, ...] | None = None
-        self._reached = -1  # the number of the item reached last
 
     def update(self, values: Mapping[str, Any]) -> list[Reading]:
         """Take what a message says; return the lines that are due: one, or two where the aircraft takes off."""
@@ -376,7 +374,7 @@ class LineMaker:
         A message with a time makes a line, unless it comes too soon after the last line, or on the ground. The first
         line in the air comes after the last one on the ground, at which the flight starts.
         """
-        values = self._keep(values)
+        self._keep(values)
         time_s = values.get("time_s")
         if time_s is None:
             return []
@@ -403,18 +401,15 @@ class LineMaker:
                 each.pop("autopilot", None)
         return lines
 
-    def _keep(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Keep what a message says for the lines to come; return it, for an item that is reached see `_after`."""
+    def _keep(self, values: Mapping[str, Any]) -> None:
+        """Keep what a message says for the lines to come."""
         if values.get("named") is not None:
             self._report(*values["named"])
-        if "reached" in values:
-            values = self._after(values["reached"])
         for key, value in values.items():
             if key not in PASSING:
                 self.heard.keep(key, value)
         if velocity := values.get("velocity_mps"):
             self.heard.keep("speed_mps", math.hypot(*velocity))
-        return values
 
     @property
     def landed(self) -> bool:
@@ -505,14 +500,6 @@ class LineMaker:
         if self.heard.value("consumed_ah", ages=False) is not None:
             return {"current_consumed_ah": self.heard.value("consumed_ah")}
         return {"soc": self.heard.value("remaining", "status_remaining")}
-
-    def _after(self, reached: int) -> dict[str, Any]:
-        """What an item that is reached says: that the item after it is flown to; nothing where it was said before."""
-        again, self._reached = reached == self._reached, reached
-        if again or reached < (self.item or 0):
-            return {}
-        last = None if self.items is None else len(self.items) - 1 + self._home_is_item
-        return {"item": reached + 1 if last is None else min(reached + 1, last)}
 
     def _item(self) -> MappedItem | None:
         """The item of the map that is flown to; None where that is unknown, or, with a warning, not in the map."""

@@ -292,16 +292,7 @@ class TelemetryReader:
 
     def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:
         """A warning about an invalid value."""
-        value = document[key]
-        shown = printable(repr(value), 60)
-        if value is None or isinstance(value, bool):
-            shown = {None: "null", True: "true", False: "false"}[value]
-        elif isinstance(value, dict | list):
-            shown = "an object" if isinstance(value, dict) else f"a list of {len(value)}"
-            if isinstance(value, dict) and key == "parameters":
-                shown = "an object whose values are not all numbers"
-        elif isinstance(value, tuple):
-            shown = str(list(value))
+        shown = printable(json.dumps(document[key], default=str), 60)
         expected = TelemetryLine.model_fields[key].description or ""
         return self.fault(number, document, key, f"{key} cannot be {shown}", expected)
 

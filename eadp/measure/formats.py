@@ -49,11 +49,13 @@ _INSTANCE = ("Instance", "Inst", "I")
 
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     """The power log of one battery, voltage times current; raises InputError."""
-    if columns.power:
-        raise InputError.at("--power", 1, 1, "an autopilot's log has no such columns", "none of it", columns.power[0])
+    asked = {"--power": ", ".join(columns.power), "--voltage": columns.voltage, "--current": columns.current}
+    for option, given in asked.items():
+        if given:
+            raise InputError.at(option, 1, 1, "an autopilot's log has no such columns", "none of it", given)
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
-    time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
+    time_us, factors, notes = battery_table(name, tables, columns.instance)
     warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
     counts: dict[str, int | float] = {"rows": len(time_us)}
     known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
@@ -82,9 +84,7 @@ def _of_battery(tables: Tables, instance: int | None) -> dict[str, float]:
     return found if used_mah is None else found | counted(used_mah[(used_mah > 0) & (used_mah < LARGEST_MAH)] / 1e3)
 
 
-def battery_table(
-    name: str, tables: Tables, instance: int | None = None, voltage: str = "", current: str = ""
-) -> tuple[FloatArray, FloatArray, list[str]]:
+def battery_table(name: str, tables: Tables, instance: int | None = None) -> tuple[FloatArray, FloatArray, list[str]]:
     """The readings of one battery.
 
     Parameters
@@ -95,8 +95,6 @@ def battery_table(
         The log's messages of `ULOG_TOPICS` or `DATAFLASH_TOPICS`.
     instance : int, optional
         Which battery. Default: the one with the most readings of a voltage and a current, the first of equals.
-    voltage, current : str
-        Fields to read; default: those of the names known.
 
     Returns
     -------
@@ -109,7 +107,7 @@ def battery_table(
     Raises
     ------
     InputError
-        If there is no battery, none of that instance, or no such field.
+        If there is no battery, none of that instance, or one without voltage or current.
     """
     batteries = dict(_batteries(tables))
     if not batteries:
@@ -117,14 +115,9 @@ def battery_table(
     if instance is not None and instance not in batteries:
         known = ", ".join(map(str, sorted(batteries)))
         raise InputError.at("--instance", 1, 1, f"no battery {instance} in {printable(name)}", known, str(instance))
+    fields = {"voltage": _VOLTAGE, "current": _CURRENT}
     found = {
-        number: np.stack(
-            [
-                _column(name, "--voltage", table, voltage, _VOLTAGE),
-                _column(name, "--current", table, current, _CURRENT),
-            ],
-            axis=1,
-        )
+        number: np.stack([_column(name, what, table, names) for what, names in fields.items()], axis=1)
         for number, table in sorted(batteries.items())
         if instance in (None, number)
     }
@@ -150,16 +143,11 @@ def _batteries(tables: Tables) -> Iterator[tuple[int, dict[str, FloatArray]]]:
                 yield int(number), {label: values[numbers == number] for label, values in table.items()}
 
 
-def _column(name: str, option: str, table: dict[str, FloatArray], asked: str, names: tuple[str, ...]) -> FloatArray:
-    """The field `asked` for, or the first known one with a reading."""
-    if asked:
-        if asked not in table:
-            known = ", ".join(printable(label, 40) for label in list(table)[:20])
-            raise InputError.at(option, 1, 1, f"no field {printable(asked, 80)}", f"one of {known}", asked)
-        return table[asked]
+def _column(name: str, what: str, table: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArray:
+    """The first known field with a reading."""
     there = [table[label] for label in names if label in table]
     if not there:
-        raise InputError.at(name, 1, 1, f"the battery has no {option.strip('-')}", " or ".join(names))
+        raise InputError.at(name, 1, 1, f"the battery has no {what}", " or ".join(names))
     return next((values for values in there if np.any(np.isfinite(values) & (values != 0) & (values != -1))), there[0])
 
 

@@ -264,22 +264,11 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         many = f"{len(fitted.spikes)} spikes" if len(fitted.spikes) > 1 else "1 spike"
         message = f"{many} left out, the first at {first_s:.6g} s"
         warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
-    warnings += _doubts(log.name, fitted.spectrum)
+    if fitted.spectrum.drift_s is not None:
+        low_s, high_s = fitted.spectrum.drift_s
+        message = f"the period drifts: {low_s:.4g} s to {high_s:.4g} s in parts of the log"
+        warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
     return LogFit(fitted, prior_s, counts, warnings)
-
-
-def _doubts(name: str, spectrum: Spectrum) -> list[Fault]:
-    """Warnings of a period that drifts, or that may be a multiple."""
-    messages = []
-    if spectrum.drift_s is not None:
-        low_s, high_s = spectrum.drift_s
-        messages.append(f"the period drifts: {low_s:.4g} s to {high_s:.4g} s in parts of the log")
-    if spectrum.multiple > 1:
-        message = (
-            f"the power repeats every {spectrum.period_s / spectrum.multiple:.4g} s, outside the range of the prior"
-        )
-        messages.append(f"{message}: harmonics that are no multiples of {spectrum.multiple} are zero")
-    return [Fault(name, 1, 1, message, severity="warning") for message in messages]
 
 
 def log_part(log: PowerLog, start_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:

@@ -122,9 +122,6 @@ class Spectrum:
         Shortest and longest period searched [s].
     drift_s : pair of float or None
         Shortest and longest period of a part of the log, where they differ significantly [s].
-    multiple : int
-        The period divided by the shortest that the harmonics allow: above 1 only where that one is outside a prior's
-        range.
     """
 
     period_s: float
@@ -141,7 +138,6 @@ class Spectrum:
     span_s: float
     range_s: tuple[float, float]
     drift_s: tuple[float, float] | None = None
-    multiple: int = 1
 
     @property
     def periodic(self) -> bool:
@@ -210,12 +206,11 @@ def analyse(
         nothing = _aperiodic(samples, mean_w, std_w, free_r2, searched_s, frequency_hz)
         return _drifting(samples, mean_w, searched_s) or nothing
     found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
-    while (multiple := _multiple(samples, found) if found.periodic else 1) > 1 and period_prior_s is None:
+    while period_prior_s is None and found.periodic and (multiple := _multiple(samples, found)) > 1:
         frequency_hz, free_order = _refine(samples, found.frequency_hz * multiple)
         shortest_s = min(shortest_s, 1 / frequency_hz)
         shorter = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
         if shorter.frequency_hz < math.sqrt(multiple) * found.frequency_hz:  # the longer period is the likeliest again
-            multiple = 1
             break
         found = shorter
     inside = shortest_s / RANGE_MARGIN <= 1 / found.frequency_hz <= longest_s * RANGE_MARGIN
@@ -229,7 +224,7 @@ def analyse(
     drift_s, local_std_s = _drift_s(samples, found)
     found = found._replace(std_s=max(found.std_s, local_std_s))
     spectrum = _periodic(samples, found, order or found.order, mean_w, searched_s)
-    return replace(spectrum, drift_s=drift_s, multiple=multiple)
+    return replace(spectrum, drift_s=drift_s)
 
 
 class _Local(NamedTuple):

@@ -103,22 +103,15 @@ class PowerEstimate(NamedTuple):
     def forecast_w(self, ahead_s: ArrayLike) -> FloatArray:
         """Power of motion and computations [W], `ahead_s` [s] after the reading, of its shape: C e^{At} x and g(c)."""
         ahead = np.asarray(ahead_s, dtype=float)
-        power: FloatArray = self.power_rows(ahead.ravel()) @ self.state + self.computing_w
+        order = (len(self.state) - 3) // 2
+        rows = _power_rows(order, self.period_s or 1.0, self.disturbance_s, ahead.ravel().tobytes())
+        power: FloatArray = rows @ self.state + self.computing_w
         shaped: FloatArray = power.reshape(ahead.shape)[()]
         return shaped
 
-    def power_rows(self, ahead_s: FloatArray) -> FloatArray:
-        """The rows C e^{At}, shape (n, 2r + 3): each times the state is the motion's power, `ahead_s` [s] later."""
-        return _power_rows((len(self.state) - 3) // 2, self.period_s or 1.0, self.disturbance_s, ahead_s.tobytes())
-
     def horizon_w(self) -> FloatArray:
         """`forecast_w` over the horizon [W], shape (13,): now, and at the end of each twelfth of it."""
-        power: FloatArray = self.horizon_rows() @ self.state + self.computing_w
-        return power
-
-    def horizon_rows(self) -> FloatArray:
-        """`power_rows` over the horizon, shape (13, 2r + 3): now, and at the end of each twelfth of it."""
-        return self.power_rows(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
+        return self.forecast_w(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
 
 
 class ExactEstimator:
@@ -359,10 +352,7 @@ Estimator = ExactEstimator | PublishedEstimator
 """Readings and laps in, forecast power out."""
 
 
-SAME_STEP_S = 1e-9
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class EnergyDynamics:
     """State-space model of the motion power: harmonics of a period that drift, a disturbance, and a sensor's noise.
 
@@ -376,13 +366,11 @@ class EnergyDynamics:
     time_s: float
     noise_w: float
 
-    def transition(self, step_s: float) -> FloatArray:
-        """e^{A Δt}, which moves the state over a step [s]."""
-        return forecasting.step_matrix(self.order, self.period_s, self.time_s, step_s)
-
-    def process_noise(self, step_s: float) -> FloatArray:
-        """Q, the covariance that a step [s] adds."""
-        return forecasting.step_noise(self.drift_w2_per_s, self.std_w, self.time_s, step_s)
+    @lru_cache(maxsize=4)  # noqa: B019 - few of few models, and steps are mostly alike
+    def step(self, step_s: float) -> tuple[FloatArray, FloatArray]:
+        """e^{A Δt}, which moves the state over a step [s], and Q, the covariance that it adds."""
+        turn = forecasting.step_matrix(self.order, self.period_s, self.time_s, step_s)
+        return turn, forecasting.step_noise(self.drift_w2_per_s, self.std_w, self.time_s, step_s)
 
 
 class EnergyFilter:
@@ -392,25 +380,9 @@ class EnergyFilter:
     """
 
     def __init__(self, state: FloatArray, covariance: FloatArray, dynamics: EnergyDynamics) -> None:
-        self.state = state
-        self.covariance = covariance
-        self._dynamics = dynamics
+        self.state, self.covariance = state, covariance
+        self.dynamics = dynamics  # may be switched to another: the state keeps its meaning, so that phases continue
         self._output = forecasting.output(dynamics.order)
-        # the last step [s], and what it does to state and covariance
-        self._step_s = 0.0
-        self._transition = np.eye(len(state))
-        self._noise = np.zeros_like(covariance)
-
-    @property
-    def dynamics(self) -> EnergyDynamics:
-        """The state-space model."""
-        return self._dynamics
-
-    @dynamics.setter
-    def dynamics(self, dynamics: EnergyDynamics) -> None:
-        """Switch to another model; the state keeps its meaning, so phases continue."""
-        self._dynamics = dynamics
-        self._step_s = 0.0
 
     def follow(self, step_s: float, measured_w: float | None, gate_w: float = 0.0) -> float:
         """Predict over a step, update with a reading, and return its forecast [W].
@@ -419,14 +391,11 @@ class EnergyFilter:
         second reading at one time.
         """
         if step_s > 0:
-            if abs(step_s - self._step_s) >= SAME_STEP_S:
-                self._step_s = step_s
-                self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
-            self.state, self.covariance = predict(self.state, self.covariance, self._transition, self._noise)
+            self.state, self.covariance = predict(self.state, self.covariance, *self.dynamics.step(round(step_s, 12)))
         expected = float(self._output @ self.state)
         # draft 002's ε: no update where |y − C q| ≤ ε
         if measured_w is not None and not (gate_w and abs(measured_w - expected) <= gate_w):
-            variance = self._dynamics.noise_w**2
+            variance = self.dynamics.noise_w**2
             self.state, self.covariance = update(self.state, self.covariance, self._output, measured_w, variance)
         return expected
 

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 
 import pytest
 
 pytest.importorskip("pymavlink")
 pytest.importorskip("pyulog")
 
-from common.autopilot_logs import ulog
-from common.plans import ORIGIN
 from linked_flight import Finely, Flying, qgc_items, wpl_items
 from mavlink_vehicle import ARDUPILOT, PX4, Autopilot, MissionHolder, recorded
 
 from eadp.cli.main import main
-from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.exchange.items import MissionItem
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
@@ -285,16 +281,14 @@ def in_mode(flown, lines, mode):
 @pytest.mark.quick(1)
 @BOTH
 def test_nothing_is_uploaded_while_the_mission_is_not_flown(inputs, missions, kind):
-    """That, and that it is flown again, is told once each time; then what was decided before is uploaded."""
+    """Once it is flown again, what was decided before is."""
     flown = flown_by(kind, inputs, missions, refuses=("MISSION_COUNT",))
     in_mode(flown, recorded()[:12], "mission")
     assert flown.flight._decided_path[0] < 0
     flown.holder.refuses = ()
     in_mode(flown, recorded()[12:30], "pilot")
     assert flown.holder.writes == []
-    assert flown.texts.count("eadp: the mission is not flown: nothing is uploaded") == 1
     in_mode(flown, recorded()[30:60], "mission")
-    assert flown.texts.count("eadp: the mission is flown again") == 1
     assert any("uploaded and verified" in text for text in flown.said)
 
 
@@ -322,7 +316,7 @@ def test_nothing_of_the_survey_is_sent_while_the_autopilot_returns(inputs, missi
     names = {message.fields["name"] for message in flown.sent if message.kind == "NAMED_VALUE_FLOAT"}
     assert names <= {"soc_end", "p_done"}
     assert len(flown.holder.writes) == writes
-    assert flown.texts == ["eadp: the autopilot flies home: nothing of the survey is sent"]
+    assert flown.texts == []
 
 
 @pytest.mark.quick(1)
@@ -364,47 +358,4 @@ def test_the_end_of_a_plan_is_told_though_its_mission_is_over(inputs, missions):
     assert flown.texts[-1] == "eadp: final point reached"
 
 
-def test_that_a_plan_is_feasible_again_is_told(inputs, missions):
-    flown = in_mode(flown_by(ARDUPILOT, inputs, missions), recorded()[:20], "mission")
-    last, now_s = flown.decisions[-1], flown.decisions[-1]["time_s"]
-    for after_s, reason in ((1, "battery short since 3.0 s: by"), (2, "kept"), (6, "battery short since 9.0 s: by")):
-        flown.flight._decided({**last, "time_s": now_s + after_s, "reason": reason})
-    for after_s in range(7, 30):
-        flown.flight._decided({**last, "time_s": now_s + after_s, "reason": "kept"})
-    told = [text for text in flown.texts if "battery short" in text or "finished" in text]
-    assert ["again" in text for text in told] == [False, True]
-    flown.flight._decided({**last, "time_s": now_s + 40, "reason": "battery short since 3.0 s: by"})
-    assert "battery short" in flown.texts[-1]
-
-
 # --- a recording of PX4
-
-
-def test_a_log_of_px4_says_that_another_mission_was_uploaded(eadp, plan, missions, tmp_path):
-    """By the number of items, and by that of the mission where there are as many; and that the first one is back."""
-    path, items = missions[PX4]
-    lines, count = recorded()[:60], len(items)
-    times = [round((100 + line["time_s"]) * 1e6) for line in lines]
-    places = [(t, *to_geodetic_deg(line["x_m"], line["y_m"], ORIGIN)) for t, line in zip(times, lines, strict=True)]
-    missions_flown = [(count, 7)] * 15 + [(count + 30, 9)] * 15 + [(count, 11)] * 15 + [(count, 7)] * 15
-    rows = [(t, 3, total, number) for t, (total, number) in zip(times, missions_flown, strict=True)]
-    log = tmp_path / "flight.ulg"
-    log.write_bytes(
-        ulog(
-            {
-                "vehicle_status": ("QB", ("timestamp", "arming_state"), [(times[0] - 1, 2)]),
-                "vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 1, 0)]),
-                "mission_result": ("QHHH", ("timestamp", "seq_current", "seq_total", "mission_id"), rows),
-                "vehicle_global_position": ("Qdd", ("timestamp", "lat", "lon"), places),
-            }
-        )
-    )
-    out = tmp_path / "log.jsonl"
-    answer = eadp(
-        *("replan", plan, "--scenario", SCENARIO, "--replay", log, "--items", f"{path}.items.json", "--log", out)
-    )
-    told = [row for row in map(json.loads, out.read_text().splitlines()) if row["kind"] == "telemetry"]
-    by_items = ["stages_started" in row for row in told]
-    assert by_items == [number == 7 for _, number in missions_flown]
-    assert answer.err.count("another mission than that of --items") == 1
-    assert math.isfinite(told[0]["time_s"])

@@ -64,12 +64,6 @@ def test_a_clock_that_jumps_is_followed_by_the_usual_steps(by_s):
     assert [sample.warnings for sample in used[9 + needed :]] == [(CLOCK,), *[()] * (15 - needed)]
 
 
-def test_a_clock_that_jumps_is_followed_by_steps_of_a_tenth_of_a_second():
-    times = [0.1 * k for k in range(20)]
-    used = flown([*times[:10], *(time_s + 5000 for time_s in times[10:])], [SPEED * time_s for time_s in times])
-    assert [sample.time_s for sample in used[9 + MIN_AGREEING :]] == pytest.approx(times[9 + MIN_AGREEING :])
-
-
 def test_a_gap_is_none_of_the_clock():
     times = [*range(10), *range(40, 45)]
     assert [sample.time_s for sample in flown(times, [SPEED * time_s for time_s in times])] == times

@@ -25,7 +25,6 @@ from mavlink_vehicle import Autopilot, frames, is_near, recorded, tlog
 from eadp.api.inputs import load_flight
 from eadp.errors import InputError
 from eadp.exchange.autopilot import AT_MOST, AutopilotParameter
-from eadp.exchange.writer import read_items
 from eadp.live import mavlink
 from eadp.live.autopilot import INTERVALS
 from eadp.live.link import LinkFlight, LinkOptions
@@ -35,7 +34,6 @@ from eadp.live.mavlink import (
     Codec,
     Link,
     Message,
-    tlog_messages,
 )
 from eadp.live.messages import STALE_S, WANTED, LineMaker, ParameterCheck, values_of
 from eadp.live.telemetry import TelemetryReader, json_line
@@ -168,14 +166,6 @@ def test_whether_a_mission_is_flown_is_told_by_the_mode(autopilot, kind, mission
     assert not heartbeat(autopilot, other, kind)["automatic"]
 
 
-def test_a_share_that_another_message_does_not_know_stays(inputs):
-    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, None, lambda _: None)
-    maker.update({"armed": True, "active": True, "remaining": 0.8})
-    maker.update({"status_remaining": None})
-    (line,) = lines_of(maker, {"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
-    assert line["soc"] == 0.8
-
-
 def test_the_charge_drawn_counts_before_the_share_that_remains(inputs):
     maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, None, lambda _: None)
     maker.update({"armed": True, "active": True})
@@ -185,43 +175,6 @@ def test_the_charge_drawn_counts_before_the_share_that_remains(inputs):
     assert "soc" not in line
     (later,) = lines_of(maker, {"time_s": 2.0 + STALE_S, "lat_deg": 55.0, "lon_deg": 10.0})
     assert later["current_consumed_ah"] is None  # old, and the coarser share does not take its place
-
-
-@pytest.mark.parametrize(("autopilot", "shift"), [(3, 1), (12, 0)])
-def test_items_give_the_stage(eadp, plan, inputs, tmp_path, autopilot, shift):
-    mission = tmp_path / "survey.waypoints"
-    assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
-    items = read_items(f"{mission}.items.json", ("c1",))
-    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, items, lambda _: None)
-    maker.update(heartbeat(autopilot))
-    for index, each in enumerate(items):
-        maker.update({"item": index + shift})
-        (line,) = lines_of(maker, {"time_s": 10.0 + index, "lat_deg": 55.37, "lon_deg": 10.43})
-        assert line["stages_started"] == each.first
-        assert line["parameters"] == {"c1": each.parameters[0]}
-
-
-def test_an_item_that_is_reached_gives_the_next_one(eadp, plan, inputs, tmp_path):
-    mission = tmp_path / "survey.waypoints"
-    assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
-    items = read_items(f"{mission}.items.json", ("c1",))
-    said = []
-    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, items, said.append)
-    maker.update(heartbeat(12))
-
-    def after(kind, number):
-        maker.update(values_of(kind, {"seq": number}))
-        return maker.item
-
-    assert after("MISSION_ITEM_REACHED", 2) == 3
-    assert after("MISSION_CURRENT", 5) == 5
-    assert after("MISSION_ITEM_REACHED", 4) == 5  # late
-    assert after("MISSION_ITEM_REACHED", 5) == 6
-    assert after("MISSION_CURRENT", 1) == 1  # the pilot goes back
-    assert after("MISSION_ITEM_REACHED", 5) == 1  # said again
-    assert after("MISSION_ITEM_REACHED", len(items) - 1) == len(items) - 1
-    maker.update({"time_s": 1.0, "lat_deg": 55.37, "lon_deg": 10.43})
-    assert said == []
 
 
 # --- decisions
@@ -310,14 +263,6 @@ def test_messages_that_do_not_come_are_asked_for_again(inputs, lines):
     assert not any(asked[10:])
     other.take(autopilot.heartbeat(armed=True, active=True))
     assert {147, 33, 168} <= {fields["param1"] for _, kind, fields in other.sent if kind == "COMMAND_LONG"}
-
-
-def test_all_that_is_sent_can_be_encoded(flown):
-    codec, kinds = Codec(frozenset()), set()
-    for message in flown.sent:
-        codec.encoded(*message)
-        kinds.add(message[1])
-    assert "STATUSTEXT" in kinds
 
 
 def test_an_autopilot_that_starts_again_is_asked_again(inputs):
@@ -585,11 +530,6 @@ def test_a_telemetry_log_gives_the_same_decisions(eadp, plan, lines, flown, tmp_
     log.write_bytes(b"rubbish" + tlog(frames(lines, Autopilot())) + struct.pack(">Q", 1))
     answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log)
     assert [json.loads(line) for line in answer.out.splitlines()] == flown.decisions
-
-
-def test_rubbish_is_no_telemetry_log():
-    rng = random.Random(2)
-    assert list(tlog_messages(bytes(rng.randrange(256) for _ in range(20_000)), WANTED)) == []
 
 
 def test_over_a_socket_and_again_from_its_log(eadp, plan, lines, flown, tmp_path):

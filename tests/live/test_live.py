@@ -6,7 +6,6 @@ import itertools
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from common import ROOT, few_rows
 from common.plans import STADIUM
@@ -169,24 +168,6 @@ def test_the_ground_velocity_is_estimated_from_positions():
     assert ground.update(Sample(1000.0, (0.0, 0.0), None, None)) is None
 
 
-def test_the_ground_velocity_is_that_of_the_last_seconds():
-    """Ten metres a second, then twenty, a sample each half second: after 2.5 s nothing is left of the ten, and a sample
-    of 2.5 s ago still counts."""
-    ground, x, found = _GroundVelocity(15.0), 0.0, {}
-    for k in range(40):
-        speed = 10.0 if k <= 20 else 20.0
-        x += speed * 0.5 * (k > 0)
-        velocity = ground.update(Sample(0.5 * k, (x, 0.0), None, None))
-        found[k] = velocity and velocity[0]
-    assert found[20] == pytest.approx(10)
-    # the window holds the samples 20 to 25, all after the change
-    assert found[25] == pytest.approx(20)
-    # and here 19 to 24: by the parabola through 0, 5, 15, 25, 35, 45 m from −2.5 to 0 s
-    times = np.arange(-2.5, 0.1, 0.5)
-    parabola = np.polyfit(times, [0, 5, 15, 25, 35, 45], 2)
-    assert found[24] == pytest.approx(parabola[1])
-
-
 def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
     inputs, recorder = recorded
     flight = live(inputs)
@@ -315,36 +296,6 @@ def test_a_parameter_that_is_on_its_way_is_held_no_longer(recorded):
     assert "not-applied" not in warnings_after(1, math.nan)
     assert "not-applied" not in warnings_after(50, math.nan)
     assert "not-applied" in warnings_after(100, 0.0)
-
-
-def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recorded):
-    """What it reports is in force then, and the stage stays the one of the positions."""
-    inputs = recorded[0]
-
-    class Deciding(Recorder):
-        """Decides once, in the first stage."""
-
-        def update(self, state):
-            decision = super().update(state)
-            return decision._replace(parameters=(-500.0, 10.0)) if state.now.time_s > 5 else decision
-
-        next_update_s = 0.0
-
-    flown = inputs_of("static", step_s=0.01, time_limit_s=90.0)  # fine: samples lie beside the starts of stages
-    watching = watched(flown, Deciding)
-    for _ in fly(flown.world, watching, Outcome()):
-        pass
-    recorder = watching.planner
-    held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    flight = LiveFlight(inputs.mission, lambda _: (watched(flown, Deciding), held), 1.0)
-    ahead = 0
-    for o, later in itertools.pairwise(recorder.seen[99::100]):
-        reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
-        advice, _ = flight.update(Sample(o.time_s, o.position_m, o.sample.power_w, o.soc, parameters=reported))
-        ahead += o.parameters[0] != later.parameters[0]
-        assert advice.stage == o.stage
-        assert advice.in_force["c1"] == later.parameters[0]
-    assert ahead > 0
 
 
 def test_a_value_that_is_reported_all_the_time_is_not_one_that_is_not_applied(recorded):

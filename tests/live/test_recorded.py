@@ -13,7 +13,7 @@ pytest.importorskip("pyulog")
 
 from common.autopilot_logs import dataflash, ulog
 from common.plans import ORIGIN
-from mavlink_vehicle import VOLTS, Autopilot, frames, is_near, recorded, tlog
+from mavlink_vehicle import VOLTS, Autopilot, frames, is_near, recorded
 
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
@@ -147,22 +147,6 @@ def test_the_item_gives_the_stage(eadp, plan, lines, tmp_path, form, made):
     logged, _ = made_lines(inputs, log_values(str(path), form), items)
     for line, item in zip(logged, items, strict=False):
         assert line["stages_started"] == item.first
-
-
-@pytest.mark.quick(1)
-@pytest.mark.parametrize(("name", "form", "made"), [("f.ulg", "ulog", px4), ("f.bin", "dataflash", ardupilot)])
-def test_decisions_are_those_of_the_flight(eadp, plan, lines, tmp_path, name, form, made):
-    log, other, unsaid = tmp_path / name, tmp_path / "flight.tlog", ("wind", "XKF2", "airspeed_validated", "ARSP")
-    log.write_bytes(WRITERS[form]({k: v for k, v in made(lines).items() if k not in unsaid}))
-    other.write_bytes(tlog(frames(lines, Autopilot(), ground_s=0)))
-    answers = [eadp("replan", plan, "--scenario", SCENARIO, "--replay", path) for path in (log, other)]
-    one, two = ([json.loads(line) for line in answer.out.splitlines()] for answer in answers)
-    assert answers[0].code == answers[1].code
-    assert len(one) == len(two) >= len(lines)
-    for mine, its in zip(one, two, strict=True):
-        assert (mine["stage"], mine["lap"]) == (its["stage"], its["lap"])
-    assert one[-1]["parameters"] == pytest.approx(two[-1]["parameters"], abs=0.1)
-    assert is_near(one[-1]["soc_end_forecast"], two[-1]["soc_end_forecast"], 1e-4)
 
 
 def test_another_number_of_items_in_a_log_is_another_mission(eadp, plan, lines, tmp_path):

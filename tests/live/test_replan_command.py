@@ -119,14 +119,6 @@ def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
     assert replan(b"".join(LINES[:30]))[0] == 0
 
 
-def test_a_flight_that_has_run_empty_is_a_no(replan):
-    empty = json.dumps({**json.loads(LINES[30]), "soc": 0}).encode()
-    code, advice, err = replan(b"".join(LINES[:30]) + empty)
-    assert (code, err) == (1, "")
-    assert advice[-1]["reason"] == "battery empty"
-    assert (advice[-1]["soc_end_forecast"], advice[-1]["completes_probability"]) == (0, 0)
-
-
 def test_no_line_at_all_is_a_no(replan):
     code, advice, err = replan(b"")
     assert (code, advice) == (1, [])

@@ -20,7 +20,7 @@ from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, wanted_parameters
-from eadp.exchange.items import ITEMS_LIMIT, MissionItem
+from eadp.exchange.items import ITEMS_LIMIT
 from eadp.exchange.path import PlannedPath, planned_sections
 from eadp.exchange.writer import mapped_items, mission_items, read_items
 from eadp.io.plan.reader import read_plan
@@ -29,7 +29,7 @@ from eadp.io.text.streams import Text
 from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.mavlink import Codec
 from eadp.live.messages import ASKED, WANTED
-from eadp.live.mission import ITEM_TRIES, RECHECK_S, MissionClient, Outgoing, Received, RestLayout, equal_items
+from eadp.live.mission import RECHECK_S, MissionClient, Outgoing, Received, RestLayout
 from eadp.live.replanner import ReplanLog, hash_of
 from eadp.models.plan.trace import nominal_legs, nominal_route
 
@@ -117,15 +117,6 @@ def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path,
     assert in_force[-1] == (0.0 if refuses else None)
 
 
-def test_another_mission_is_left_alone(inputs, mission, lines):
-    path, items = mission
-    moved = [(c, f, (*p[:4], p[4] + 0.001, *p[5:])) for c, f, p in items]
-    flown = Flying(inputs, (path, moved)).fly(lines)
-    assert any("another mission" in text for text in flown.said)
-    assert flown.holder.items[1:] == moved
-    assert flown.holder.writes == []
-
-
 class Lossy(MissionHolder):
     """One of which an answer is lost: the first at which `loses` holds."""
 
@@ -171,30 +162,6 @@ def test_a_silence_while_an_upload_is_read_back_does_not_lose_it(inputs, mission
     assert not any("unknown" in text or "another" in text for text in flown.said)
 
 
-class Reads(MissionHolder):
-    """One whose first so many transfers of items fail."""
-
-    fails = 1
-
-    def answer(self, frame):
-        answers = super().answer(frame)
-        if (
-            self.kinds[-1] == "MISSION_REQUEST_INT"
-            and self.kinds.count("MISSION_REQUEST_INT") <= ITEM_TRIES * self.fails
-        ):
-            return []
-        return answers
-
-
-def test_a_mission_that_cannot_be_read_is_read_again(inputs, mission, lines):
-    """The aircraft is in the air already: no arming comes."""
-    flown = Finely(inputs, mission)
-    flown.holder = Reads(mission[1])
-    flown.fly(lines)
-    assert any("read again each 10 s" in text for text in flown.said)
-    assert any("uploaded and verified" in text for text in flown.said)
-
-
 def test_a_mission_of_too_many_items_is_refused_and_not_cut():
     client = MissionClient()
     for count, ended, answer in (
@@ -221,33 +188,20 @@ def test_a_lost_answer_does_not_lose_the_item(inputs, mission, lines):
     assert flown.holder.current == 3
 
 
-def test_items_ahead_with_other_parameters_are_replaced(inputs, mission, lines, replaced, tmp_path):
-    """The last item has what is decided, and those before it have not."""
-    decided = replaced.decisions[11]["parameters"]["c1"]
-    path, items = mission
-    map_of = json.loads(Path(f"{path}.items.json").read_text())
-    ends = [number for number, row in enumerate(map_of["items"]) if row[3] > map_of["items"][-1][3] - 10]
-    for number in ends:
-        map_of["items"][number][5] = decided
-    other = tmp_path / "other.waypoints"
-    Path(f"{other}.items.json").write_text(json.dumps(map_of))
-    flown = Flying(inputs, (other, items)).fly(lines[:12], current=True)
-    assert flown.decisions[-1]["parameters"]["c1"] == decided
-    assert any("uploaded and verified" in text for text in flown.said)
-
-
-def test_items_flown_past_with_other_parameters_are_left_alone(inputs, mission, lines, replaced, tmp_path):
-    """As `eadp export --scenario` writes them: the parameters of take-off at first."""
+@pytest.mark.parametrize("ahead", [True, False])
+def test_items_ahead_with_other_parameters_are_replaced(inputs, mission, lines, replaced, tmp_path, ahead):
+    """The last item has what is decided, and those before it, or only those flown past, have not."""
     decided = replaced.decisions[11]["parameters"]["c1"]
     path, items = mission
     map_of = json.loads(Path(f"{path}.items.json").read_text())
     for row in map_of["items"]:
-        row[5] = 0.0 if row[3] <= 1 else decided
+        row[5] = decided if row[3] > (map_of["items"][-1][3] - 10 if ahead else 1) else 0.0
     other = tmp_path / "other.waypoints"
     Path(f"{other}.items.json").write_text(json.dumps(map_of))
     flown = Flying(inputs, (other, items)).fly(lines[:12], current=True)
     assert flown.decisions[-1]["parameters"]["c1"] == decided
-    assert flown.holder.writes == []
+    assert any("uploaded and verified" in text for text in flown.said) is ahead
+    assert bool(flown.holder.writes) is ahead
 
 
 def test_item_0_on_the_ground_is_that_of_home(inputs, mission):
@@ -256,30 +210,6 @@ def test_item_0_on_the_ground_is_that_of_home(inputs, mission):
     flown._give(flown.holder.autopilot.frame("mission_current", 0, flown.total))
     flown._give(flown.autopilot.position(1.0, -100.0, 220.0, [0.0, 0.0], 0.0))
     assert not any("no item" in text for text in flown.said)
-
-
-@pytest.mark.slow
-def test_commands_come_back_as_ardupilot_keeps_them(eadp, inputs, plan, lines, tmp_path):
-    """A return, pictures and loiters: without a frame, and with whole radii."""
-    path = tmp_path / "m.waypoints"
-    eadp("export", plan, "--to", "ardupilot", "--home", "55.37,10.43", "--trigger-distance", "20", "-o", path)
-    items = wpl_items(path)
-    assert {20, 206} < {command for command, _, _ in items}
-    flown = Flying(inputs, (path, items)).fly(lines)
-    assert any("uploaded and verified" in text for text in flown.said)
-
-
-@pytest.mark.parametrize(
-    ("radius_m", "kept_m", "same"),
-    [(88.18, 88.0, True), (88.18, 87.0, False), (1234.0, 1230.0, True), (-40.5, -40.0, True), (40.5, -40.0, False)],
-)
-def test_a_loiter_has_a_whole_radius(radius_m, kept_m, same):
-    written, held = (
-        [MissionItem(16, 0, (0.0,) * 7), MissionItem(18, 3, (1.0, 0.0, radius, 1.0, 55.0, 10.0, 60.0))]
-        for radius in (radius_m, kept_m)
-    )
-    assert equal_items(held, written) == same
-    assert not equal_items(held[:1], written)
 
 
 def test_a_mission_that_the_pilot_changes_in_flight_is_left_alone(inputs, mission, lines):
@@ -391,14 +321,6 @@ def test_a_mission_that_is_stored_wrong_does_not_count(inputs, mission, lines):
     assert any("mission unknown" in text for text in flown.said)
     shown = flown.texts
     assert "eadp: mission unknown after an upload: see to it" in [text[:48] for text in shown]  # the pilot knows, too
-
-
-def test_the_item_is_the_same_after_an_upload(inputs, mission, lines):
-    flown = Flying(inputs, mission, resets=True)
-    flown.holder.current = 3
-    flown.fly(lines, current=True)
-    assert any("uploaded and verified" in text for text in flown.said)
-    assert flown.holder.current == 3
 
 
 def test_a_mission_that_comes_later_is_read_at_arming(inputs, mission, lines):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from common import few
 
-from eadp.errors import Infeasible
 from eadp.measure.battery import fit_battery
 
 CAPACITY_AH = 2.0
@@ -84,13 +83,6 @@ def test_what_capacity_is_wrong_by_goes_into_the_slope():
     assert wrong.resistance_ohm == pytest.approx(right.resistance_ohm, abs=1e-7)
     assert wrong.rms_v == pytest.approx(right.rms_v, abs=1e-7)
     assert 16.8 - wrong.voltage_empty_v == pytest.approx(2 * (16.8 - right.voltage_empty_v), rel=1e-4)
-
-
-def test_more_charge_than_there_was_is_refused():
-    with pytest.raises(Infeasible, match="Ah"):
-        fit_battery(*log(), 0.5)
-    with pytest.raises(Infeasible, match="readings"):
-        fit_battery([0, 1, 2], [1, 1, 1], [1, 1, 1], 1.0)
 
 
 def test_the_published_log(reference):

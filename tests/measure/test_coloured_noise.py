@@ -86,18 +86,6 @@ def test_covariance_of_coefficients_is_that_of_every_noise_by_its_restricted_lik
     np.testing.assert_allclose(table.coefficient_covariance(columns), expected, rtol=1e-4, atol=1e-9)
 
 
-def test_covariance_in_white_noise_is_least_squares_own() -> None:
-    rng = np.random.default_rng(8)
-    times = np.linspace(0, 100, 200)
-    columns = design_matrix(times, 1 / 30, 2)
-    ratios = []
-    for _ in range(10):
-        table = TimeBins(times, 0.5 * rng.normal(size=200), 0.5, 100.0, 1.0)
-        own = 0.25 * np.linalg.inv(columns.T @ columns)
-        ratios.append(np.diag(table.coefficient_covariance(columns)) / np.diag(own))
-    assert np.median(ratios) == pytest.approx(1, abs=0.25)
-
-
 def test_scan_finds_the_wave_in_the_noise() -> None:
     table = bins()
     frequency = np.linspace(0.02, 0.1, 41)
@@ -106,17 +94,6 @@ def test_scan_finds_the_wave_in_the_noise() -> None:
     assert np.all(np.diff(found.gain, axis=0) >= -1e-9), "a higher order is never less likely"
     assert frequency[np.argmax(found.gain[0])] == pytest.approx(1 / 30, abs=0.003)
     assert frequency[np.argmax(found.posterior[0])] == pytest.approx(1 / 30, abs=0.003)
-
-
-def test_scan_of_several_powers_is_the_scan_of_each() -> None:
-    table = bins()
-    designs = np.stack([design_matrix(table.times_s, f, 2) for f in (0.03, 0.05)])
-    powers = np.random.default_rng(1).normal(size=(N, 3)) * [1, 100, 1e-3]
-    together = table.scan(designs, powers)
-    for i, scan in enumerate(together):
-        alone = table.scan(designs, powers[:, i : i + 1])[0]
-        np.testing.assert_allclose(scan.gain, alone.gain, atol=1e-9)
-        np.testing.assert_allclose(scan.posterior, alone.posterior, atol=1e-9)
 
 
 def test_surrogates_have_the_noise_of_the_samples() -> None:

@@ -32,15 +32,6 @@ def test_white_noise_is_the_noise(seed: int) -> None:
     assert model.period_s == pytest.approx(PERIOD_S, rel=0.005)
 
 
-def test_a_log_without_a_period_has_a_mean_and_its_spread() -> None:
-    fitted = fit_energy(TIMES, 36 + 2 * slow(4.0))
-    assert not fitted.model.periodic
-    assert fitted.model.noise_std_w == pytest.approx(2, rel=0.3)
-    assert fitted.model.mean_std_w is not None
-    # of independent samples it would be 2/√460 = 0.09 W
-    assert 0.15 < fitted.model.mean_std_w < 0.7
-
-
 # nominally 95 % of twice as many; plain least squares' would hold for half
 @pytest.mark.slow
 def test_standard_deviations_hold_under_correlated_noise() -> None:
@@ -66,8 +57,3 @@ def test_spikes_are_left_out_unless_they_are_to_be_kept() -> None:
     assert fitted.model.mean_w == pytest.approx(36, abs=0.05)
     assert fitted.model.period_s == pytest.approx(PERIOD_S, rel=0.005)
     assert fitted.times_s[0] == 0, "times from the first sample kept"
-
-
-def test_a_constant_log() -> None:
-    model = fit_energy(TIMES, np.full(len(TIMES), 36.0)).model
-    assert (model.mean_w, model.noise_std_w, model.mean_std_w) == (36.0, 0.0, 0.0)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from eadp.errors import InputError
 from eadp.measure.figures import _broken, _draw_log, write_fit_figure
 from eadp.measure.power import fit_energy
 from eadp.measure.spectrum import analyse, periodogram
@@ -23,12 +22,6 @@ def test_a_log_without_a_period_has_a_picture(tmp_path: Path, kind: str) -> None
     power = np.full(400, 36.0) if kind == "constant" else np.random.default_rng(1).normal(size=400)
     write_fit_figure(str(tmp_path / "a.svg"), fit_energy(TIMES, power))
     assert (tmp_path / "a.svg").stat().st_size > 10_000
-
-
-def test_a_name_that_is_no_picture(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"expected a name that ends in \.svg or \.png"):
-        write_fit_figure(str(tmp_path / "a.txt"), fit_energy(TIMES, POWER))
-    assert not list(tmp_path.iterdir())
 
 
 def test_scores_are_highest_at_the_period_and_agree_with_the_analysis() -> None:

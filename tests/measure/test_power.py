@@ -13,22 +13,14 @@ from eadp.measure.power import FitOptions, read_fit
 from eadp.measure.power_log import Columns
 
 PERIOD_S, STEP_S = 46.0, 0.5
-PROFILE = "fps,power_w\n2,3\n4,5\n6,9\n"
-DREW_W = {2: 3.0, 4: 5.0, 6: 9.0}
 
 
-def log_file(folder: Path, laps: float = 5, columns: str = "") -> str:
-    """A log of a wave of 3 W about 30 W; with a column of fps by `columns`."""
-    rng = np.random.default_rng(5)
-    rows = ["time_s,power_w" + (f",{columns}" if columns else "")]
-    for i in range(int(laps * PERIOD_S / STEP_S)):
-        t = i * STEP_S
-        turn = 2 * math.pi * t / PERIOD_S
-        fps = 2 + 2 * (i // 100 % 3)
-        power = 30 + 3 * math.cos(turn) + 0.2 * rng.normal() + (DREW_W[fps] if columns == "fps" else 0)
-        rows.append(f"{t},{power}" + (f",{fps}" if columns else ""))
-    path = folder / "log.csv"
-    path.write_text("\n".join([*rows, ""]))
+def log_file(folder: Path) -> str:
+    """A log of five waves of 3 W about 30 W."""
+    rng, path = np.random.default_rng(5), folder / "log.csv"
+    times = np.arange(0, 5 * PERIOD_S, STEP_S)
+    power = 30 + 3 * np.cos(2 * math.pi * times / PERIOD_S) + 0.2 * rng.normal(size=len(times))
+    path.write_text("time_s,power_w\n" + "".join(f"{t},{w}\n" for t, w in zip(times, power, strict=True)))
     return str(path)
 
 
@@ -43,7 +35,7 @@ def test_without_options_nothing_is_left_out_and_nothing_said(tmp_path: Path) ->
 
 
 def test_a_part_of_the_log_keeps_the_times_of_the_log(tmp_path: Path) -> None:
-    path = log_file(tmp_path, columns="x_m,y_m")
+    path = log_file(tmp_path)
     fit = read_fit(path, Columns(), FitOptions(start_s=20.0, end_s=200.0))
     assert fit.counts == {"rows": 460, "outside": 99}
     assert (fit.fitted.model.samples, fit.fitted.model.span_s) == (361, 180.0)
@@ -55,27 +47,10 @@ def test_a_part_of_the_log_keeps_the_times_of_the_log(tmp_path: Path) -> None:
     assert faults(error)[0].startswith("--to:1:1: error: leaves nothing of the log")
 
 
-def test_what_the_computations_drew_is_taken_off_and_unknown_configurations_are_left_out(tmp_path: Path) -> None:
-    path = Path(log_file(tmp_path, columns="fps"))
-    profile = tmp_path / "profile.csv"
-    profile.write_text(PROFILE)
-    options = FitOptions(profile=str(profile))
-    model = read_fit(str(path), Columns(), options).fitted.model
-    assert model.mean_w == pytest.approx(30, abs=0.05), "the wave's own mean"
-    assert model.harmonics[0].amplitude_w == pytest.approx(3, abs=0.1)
-    rows = path.read_text().splitlines()
-    for i in (7, 8, 9):
-        rows[i] = rows[i].rsplit(",", 1)[0] + ","
-    path.write_text("\n".join([*rows, ""]))
-    fit = read_fit(str(path), Columns(), options)
-    assert fit.counts["no_configuration"] == 3
-    assert fit.fitted.model.samples == 457
-
-
 def test_a_spike_is_a_warning_at_its_time_in_the_log(tmp_path: Path) -> None:
     path = Path(log_file(tmp_path))
     rows = path.read_text().splitlines()
-    rows[101] = "50,900"
+    rows[101] = "50.0,900"
     path.write_text("\n".join([*rows, ""]))
     fit = read_fit(str(path), Columns(), FitOptions(start_s=10.0))
     assert fit.counts["spikes"] == 1

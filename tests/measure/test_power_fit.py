@@ -68,16 +68,6 @@ def test_one_airspeed_gives_the_power_at_it():
     assert "the drag polar: airspeeds from 14.8 to 15.2 m/s" in fit.notes[0]
 
 
-def test_what_is_missing_is_named():
-    t, power, speed, _, _ = flight(bank_deg=0.0)
-    fit = fit_power(t, power, speed)
-    assert fit.bank_w is None
-    assert any(note.startswith("the rise with bank: no bank in the log") for note in fit.notes)
-    assert any(note.startswith("the rise with climb: no climb") for note in fit.notes)
-    t, power, speed, bank, climb = flight(bank_deg=2.0)
-    assert any("no turns in the log" in note for note in fit_power(t, power, speed, bank, climb).notes)
-
-
 def test_an_uncertain_rise_is_not_claimed():
     t, power, speed, bank, climb = flight(speeds=(15.0,), bank_deg=12.0, gust_w=12.0)
     fit = fit_power(t, power, speed, bank, climb)

@@ -160,19 +160,6 @@ def test_powers(tree: Tree, files: dict[str, object], power_w: float) -> None:
     assert meter.power_w() == pytest.approx(power_w)
 
 
-def test_a_counter_is_the_mean_since_the_last_reading_and_wraps(tree: Tree) -> None:
-    root, times = tree(RAPL), iter([10.0, 12.0, 12.5, 20.0, 21.0])
-    meter = Meter(choose_sensor(root), lambda: next(times))
-    meter.start()
-    for energy_uj, power_w in ((4_000_000, 1.5), (4_500_000, 1.0), (1_750_000, 0.3)):
-        # the last: 5 000 000 − 4 500 000 to the end and 1 750 000 after it, over 7.5 s
-        tree({"class/powercap/intel-rapl:0/energy_uj": energy_uj})
-        assert meter.power_w() == pytest.approx(power_w)
-    tree({"class/powercap/intel-rapl:0/energy_uj": 5, "class/powercap/intel-rapl:0/max_energy_range_uj": 17})
-    with pytest.raises(InputError, match="the counter fell from 1750000 to 5, and wraps around after 17"):
-        meter.power_w()
-
-
 @given(
     st.integers(1_000, 10**12),
     st.lists(st.tuples(st.floats(0.05, 5), st.floats(0, 1)), min_size=1, max_size=20),

@@ -26,10 +26,7 @@ from eadp.measure.spectrum import (
     MIN_CV_R2,
     MIN_SAMPLES,
     Spectrum,
-    _by_order,
-    _Grid,
     _Samples,
-    _sums,
     analyse,
     periodogram,
 )
@@ -81,30 +78,6 @@ def test_a_periodogram_peaks_at_the_period() -> None:
     assert flat.tolist() == [0.0] * 7
 
 
-def test_orders_are_tried_until_four_in_a_row_bring_no_improvement() -> None:
-    counts = set()
-    for seed in range(12):
-        times = sampled(6)
-        power = noisy(times, 1.0, seed, terms=THREE[: 1 + seed % 3]) - MEAN_W
-        error = _by_order(_sums(_Samples(times, power), 1 / PERIOD_S, 9), 9).sum(axis=-1)
-        best = [int(np.argmin(error[: k + 1])) for k in range(len(error))]
-        waited = [k - at for k, at in enumerate(best)]
-        assert all(wait < 4 for wait in waited[:-1])
-        assert waited[-1] == 4 or len(error) == 9
-        counts.add(len(error))
-    assert {5, 6, 7} <= counts, "the best is the first, the second and the third order"
-
-
-def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
-    times = np.arange(0.0, 400.0, 0.1)
-    period, share = periodogram(times, signal(times), order=1, points=40)
-    bins = times.reshape(-1, 2).mean(axis=1)  # 0.2 s each
-    other, binned_share = periodogram(bins, signal(times).reshape(-1, 2).mean(axis=1), order=1, points=40)
-    assert period[0] == pytest.approx(8 * 0.2, rel=1e-3)
-    assert period == pytest.approx(other, rel=1e-3)
-    assert share == pytest.approx(binned_share, abs=0.01)
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("periods", [2, 2.5, 7.4])
 def test_period_of_a_clean_log(periods: float) -> None:
@@ -131,7 +104,7 @@ def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> No
     found = analyse(times, noisy(times, 0.5, terms=((0.3, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
     assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(12.0, rel=1e-3), 3)  # 0.3 W is 13 deviations
     lost = analyse(times, noisy(times, 0.5, terms=((0.03, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
-    assert (lost.period_s, lost.multiple) == (pytest.approx(4.0, rel=1e-3), 1)
+    assert lost.period_s == pytest.approx(4.0, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -152,7 +125,7 @@ def test_the_search_ends_where_the_likelihood_goes_back_to_the_multiple(monkeypa
     slow = lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=len(times) + 600))[600:]
     std_w = math.sqrt(sum(amplitude**2 for amplitude, _ in terms) / 2)
     found = analyse(times, signal(times, terms, period_s) + std_w * slow)
-    assert (calls[0], found.multiple) == (2, 1)
+    assert calls[0] == 2
     assert found.period_s == pytest.approx(period_s, rel=0.03)
 
 
@@ -161,8 +134,7 @@ def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:
     times = np.arange(0.0, 1300.0, 0.7)
     power = noisy(times, terms=((2.0, 0.3),), period_s=3.0)
     assert analyse(times, power, period_prior_s=3.3).period_s == pytest.approx(3.0, rel=1e-5)
-    multiple = analyse(times, power, period_prior_s=9.0)
-    assert (multiple.period_s, multiple.multiple) == (pytest.approx(9.0, rel=1e-4), 3)
+    assert analyse(times, power, period_prior_s=9.0).period_s == pytest.approx(9.0, rel=1e-4)
 
 
 @pytest.mark.quick(1)
@@ -314,22 +286,6 @@ def test_score_is_that_of_blocks_left_out_with_their_neighbours() -> None:
         error += np.sum((power[left_out] - matrix[left_out] @ fitted) ** 2)
         about_mean += np.sum((power[left_out] - power[seen].mean()) ** 2)
     assert found.cv_r2 == pytest.approx(1 - error / about_mean, abs=1e-5)
-
-
-def test_grid_has_the_normal_equations_of_the_samples() -> None:
-    # at times on its ticks the grid rounds nothing
-    rng = np.random.default_rng(5)
-    ticks = np.sort(rng.choice(4000, 300, replace=False))
-    ticks[0] = 0
-    samples = _Samples(ticks * 0.125, rng.normal(size=300))
-    grid = _Grid(samples, shortest_s=16 * 0.125)
-    index = np.array([700, 1234, 5000])
-    sums = grid.sums(index, 4)
-    for i, k in enumerate(index):
-        expected = _sums(samples, float(k) * grid.step_hz, 4)
-        np.testing.assert_allclose(sums.gram[i], expected.gram, atol=1e-8)
-        np.testing.assert_allclose(sums.moment[i], expected.moment, atol=1e-8)
-        np.testing.assert_allclose(sums.square, expected.square)
 
 
 # nominally 15 of 16; of white noise the standard deviation would be half as large, and 9 of 16 inside
@@ -532,13 +488,6 @@ def test_surrogates_are_the_same_each_time() -> None:
     power = signal(times) + 2 * np.asarray(lfilter([0.4], [1, -0.9], rng.normal(size=len(times))))
     one, other = analyse(times, power), analyse(times, power)
     assert 0 < one.chance == other.chance < 1
-
-
-@pytest.mark.parametrize("prior_s", [1e-3, 500.0])
-def test_a_prior_that_the_log_cannot_tell(prior_s: float) -> None:
-    times = sampled(4)
-    with pytest.raises(Infeasible, match="no period near"):
-        analyse(times, noisy(times), period_prior_s=prior_s)
 
 
 def test_too_few_samples() -> None:

@@ -1,10 +1,9 @@
-"""Rows and variances of forecasts against expm, quadrature, van Loan and finite differences."""
+"""Steps of the forecast's model against expm and van Loan, and of the disturbance."""
 
 from __future__ import annotations
 
 import math
 
-import forecast_variance
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +15,6 @@ from eadp.papers import forecasting
 PERIOD_S, TIME_S, STD_W = 46.0, 4.0, 0.7
 SAME = 1e-8
 DRIFT = np.array([3e-3, 1e-3, 2e-3, 5e-4])
-STATE = np.array([30.0, 1.0, 2.0, 0.5, -0.6, 0.3, 0.1, 0.4, 0.2])
 
 durations = st.sampled_from([0.0, 0.01, 0.3, 2.0, 23.0, 46.0, 300.0])
 orders = st.integers(0, 3)
@@ -59,20 +57,14 @@ def test_a_step_is_the_matrix_exponential(order, step_s):
     assert forecasting.output(order).tolist() == row(order).tolist()
 
 
-@given(orders, st.lists(durations, min_size=1, max_size=4))
-def test_power_rows_and_variances(order, ahead):
-    rows = forecasting.power_rows(order, PERIOD_S, TIME_S, ahead)
-    added = forecast_variance.power_variance_w2(DRIFT[: order + 1], STD_W, TIME_S, ahead)
-    for k, t in enumerate(ahead):
-        turn, noise = van_loan(system(order), density(order), t)
-        assert rows[k] == pytest.approx(row(order) @ turn, abs=SAME)
-        assert added[k] == pytest.approx(row(order) @ noise @ row(order), abs=SAME)
-
-
-@pytest.mark.parametrize("duration_s", [0.5, 20.0, 46.0, 300.0])
-def test_slopes_by_the_period(duration_s):
-    h = 1e-4
-    power = [forecasting.power_rows(3, T, TIME_S, [duration_s]) @ STATE for T in (PERIOD_S - h, PERIOD_S + h)]
-    assert forecast_variance.power_by_period(STATE, PERIOD_S, [duration_s]) == pytest.approx(
-        (power[1] - power[0]) / (2 * h), abs=1e-6
-    )
+@pytest.mark.parametrize("time_s", [0.2, 5.0, 900.0])
+def test_the_disturbance_is_a_matern_process(time_s):
+    """Its covariance is stationary, and over a time apart as Rasmussen and Williams 2006 have it, Eq. 4.17."""
+    stationary, rate = forecasting.stationary_covariance(STD_W, time_s), math.sqrt(3) / time_s
+    scale = STD_W**2 * np.outer([1.0, rate], [1.0, rate])
+    for apart_s in np.array([0.0, 0.06, 0.5, 2.8]) * time_s:
+        turn = forecasting.transition(apart_s, time_s)
+        again = turn @ stationary @ turn.T + forecasting.process_noise(apart_s, STD_W, time_s)
+        assert again / scale == pytest.approx(stationary / scale, abs=1e-9)
+        known = STD_W**2 * (1 + rate * apart_s) * math.exp(-rate * apart_s)
+        assert (turn @ stationary)[0, 0] == pytest.approx(known)

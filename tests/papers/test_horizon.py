@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from branch_and_bound import best_levels
 from broken_osqp import BROKEN, broken_osqp
 from common import pairwise
 from scipy.optimize import linprog
@@ -322,29 +321,6 @@ def test_levels_of_two_computations_against_brute_force(cost, traded, record_pro
     record_property("worst gap to brute force", float(np.max(gaps)))
     assert len(gaps) > 5
     assert np.median(gaps) <= EXACT
-    assert max(gaps) <= 0.05
-
-
-@pytest.mark.quick(2)
-@pytest.mark.parametrize("count", [20, pytest.param(45, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("cost", COSTS)
-def test_levels_of_ten_steps_against_branch_and_bound(cost, count, record_property):
-    rng = np.random.default_rng([9, COSTS.index(cost)])
-    gaps = []
-    for i in range(count):
-        found = case(rng, one_computation(rng, SHAPES[i % 3], int(rng.integers(2, 7))), 10, cost, tight=False)
-        horizon = found.horizon()
-        try:
-            plan = horizon.solve(found.forecast)
-        except Infeasible:
-            continue
-        check_solution(found, plan)
-        best, whole = best_levels(horizon.table(found.forecast), found.forecast.soc)
-        assert whole
-        gaps.append((best - plan.objective) / best)
-    record_property("worst gap to branch and bound", float(np.max(gaps)))
-    assert len(gaps) > 2 / 3 * count
-    assert np.mean(np.array(gaps) <= EXACT) >= 0.95
     assert max(gaps) <= 0.05
 
 

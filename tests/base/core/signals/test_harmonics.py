@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from forecast_variance import forecast_w
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
@@ -26,6 +25,12 @@ EXACT = 1e-9  # of Lemma III.1, in watts on a signal of some 30 W
 orders = st.integers(min_value=0, max_value=6)
 periods_s = st.floats(min_value=0.5, max_value=500)
 watts = st.floats(min_value=-50, max_value=50)
+
+
+def forecast_w(state_w, period_s, ahead_s):
+    """Power [W] that a state leads to, C e^{A t} q, at times ahead [s]. Source: letter, Eq. 4 with u = 0."""
+    angle = 2 * np.pi / period_s * np.arange(1, (len(state_w) + 1) // 2) * np.asarray(ahead_s)[..., np.newaxis]
+    return state_w[0] + np.cos(angle) @ state_w[1::2] + np.sin(angle) @ state_w[2::2]
 
 
 def system_matrix(order: int, period_s: float) -> np.ndarray:
