@@ -108,37 +108,6 @@ class CoverageTask:
     pack: Pack | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
-    @classmethod
-    def read(
-        cls,
-        path: str,
-        options: CoverageOptions,
-        vehicle: str,
-        airframe: Airframe,
-        wind_mps: Point,
-        profile: Profile | None = None,
-        pack: Pack | None = None,
-        autopilot: Autopilot | None = None,
-    ) -> CoverageTask:
-        """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
-
-        Raises
-        ------
-        InputError
-            Of the options and of the file.
-        """
-        motion = options.motion(airframe, wind_mps)
-        if options.altitude_m is not None:
-            check_range("--altitude", options.altitude_m, 0, MAX_ALTITUDE_M)
-        check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
-        if not has_pattern(options.pattern):
-            raise option_fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
-        text = read_field_text(path)
-        field, repairs = read_field(text, metres=options.metres, feature=options.feature)
-        field, notes = _limited(field, options)
-        notes, flies = [*repairs, *notes], autopilot or Autopilot()
-        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack, flies)
-
     @property
     def extent_m(self) -> float:
         """The greater extent of the field, to the east or to the north [m]."""
@@ -600,8 +569,17 @@ def coverage_task(
         faults = flown.airframe.flown_at(options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
-    autopilot = setting.keys.autopilot
-    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack, autopilot)
+    motion = options.motion(flown.airframe, wind_mps)
+    if options.altitude_m is not None:
+        check_range("--altitude", options.altitude_m, 0, MAX_ALTITUDE_M)
+    check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
+    if not has_pattern(options.pattern):
+        raise option_fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
+    text = read_field_text(field)
+    ground, repairs = read_field(text, metres=options.metres, feature=options.feature)
+    ground, notes = _limited(ground, options)
+    notes, autopilot = [*repairs, *notes], setting.keys.autopilot
+    task = CoverageTask(text.name, ground, notes, options, motion, flown.name, flown.airframe, profile, pack, autopilot)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])
