@@ -17,7 +17,6 @@ from eadp.core.geometry.geodesy import (
     FARTHEST_M,
     place_text,
     to_geodetic_deg,
-    to_local_m,
     to_near_local_m,
 )
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
@@ -42,14 +41,11 @@ from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import LAND, Leg, leg_points
+from eadp.models.plan.stage import Leg, leg_points
 from eadp.models.plan.trace import nominal_route, zone_findings
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
 from eadp.plug_ins import plug_in
-
-NEAR_M = 1.0
-"""Distance up to which the path starts or ends at home [m]."""
 
 FENCE_STEP_M = 2.0
 """Distance between points of the path that is checked for fences [m]."""
@@ -58,9 +54,13 @@ Position = str | tuple[float, float]
 """Latitude and longitude [°], as a pair or as text."""
 
 
+RISK = 0.05
+"""Probability to enter an obstacle, or to leave the boundary, above which a mission is not written."""
+
+
 @dataclass(frozen=True)
-class PartOptions:
-    """At which parameters a plan is exported, and what of it."""
+class ExportOptions:
+    """Options of an export. Faults name them as the command `eadp export` does."""
 
     overrides: Annotated[Sequence[str], Flag("--set", metavar="NAME=VALUE")] = ()
     """A parameter, as in spacing=20; with --scenario any of its keys."""
@@ -77,11 +77,6 @@ class PartOptions:
     parameters: Annotated[str | None, Flag(metavar="FILE")] = None
     """Write the autopilot's parameters that the forecast holds for: .param of ArduPilot, .params of PX4."""
 
-
-@dataclass(frozen=True)
-class PlaceOptions:
-    """Where an exported plan lies."""
-
     altitude_m: float | None = None
     """Altitude above home [m], where the plan has none; by default the aircraft's."""
 
@@ -90,15 +85,6 @@ class PlaceOptions:
 
     origin_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
     """Where the plan's (0, 0) lies: LAT,LON [°], for a plan without."""
-
-
-RISK = 0.05
-"""Probability to enter an obstacle, or to leave the boundary, above which a mission is not written."""
-
-
-@dataclass(frozen=True)
-class ExportOptions(PlaceOptions, PartOptions):
-    """Options of an export. Faults name them as the command `eadp export` does."""
 
     trigger_distance_m: float | None = None
     """Take a picture every so many metres [m]."""
@@ -200,8 +186,6 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     items = mission_items(path, px4=to == "px4")
     if to != PX4 and any(item.command == LAND_START for item in items):
         note = "ArduPlane does not arm it while RTL_AUTOLAND is 0, as delivered; with 2 a return flies its landing"
-        warn([Fault(chosen.name, 1, 1, note, severity="note")])
-    if note := _ends_text(path):
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
     if to == PX4:
         check_landing(items, autopilot)
@@ -333,20 +317,6 @@ def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
         expected = f"--to {PX4 if stated.kind == PX4 else 'ardupilot or qgc'}, or --set autopilot.kind"
         raise _fault("--to", to, f"the scenario's autopilot is {stated.kind}", expected)
     return replace(stated, kind=PX4) if to == PX4 else stated
-
-
-def _ends_text(path: PlannedPath) -> str:
-    """What a mission flies besides its path: ways that the forecast does not have."""
-    first, last = path.sections[0], path.sections[-1]
-    home_m = to_local_m(*path.home, path.origin_deg)
-    if path.home_deg is not None:
-        ways = {"from home": math.dist(home_m, first.start_m)}
-        if not last.stage.command(LAND):
-            ways["back"] = math.dist(last.end_m, home_m)
-        if sum(ways.values()) > NEAR_M:
-            lengths = " and ".join(f"{length_m:.0f} m {where}" for where, length_m in ways.items())
-            return f"the forecast is without {lengths}, which a plan of eadp cover --home has"
-    return ""
 
 
 def _climb_deg(airframe: Airframe) -> float:
