@@ -51,6 +51,7 @@ from eadp.survey.heights import (
     Ground,
     Lack,
     TerrainTask,
+    check_approach,
     clear_circle,
     climb_lack,
     climbed_first,
@@ -192,7 +193,7 @@ class CoverageTask:
         ground = None
         if self.terrain is not None:
             ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, self.landing[:2])
-            self.terrain.check_approach(final, ground)
+            check_approach(final, ground)
         space = replace(request, airspace=self._airspace(final)).space  # it leads down to obstacles near home
         circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), space)
         return final._replace(

@@ -163,7 +163,7 @@ def test_pictures_faster_than_the_camera_are_warned_of(eadp):
         ({**PHANTOM, "--gsd": 2, "--altitude": 73}, "--gsd:1:1: error: the size of a pixel beside the altitude"),
         (
             {**PHANTOM, "--gsd": 0.02},
-            "--gsd:1:1: error: 0.02 cm a pixel; expected centimetres from 0.1 to 1000: 0.02 m",
+            "--gsd:1:1: error: 0.02 is out of range; expected from 0.1 to 1000",
         ),
         ({"--gsd": 2, "--swath": 30}, "--sensor-width-mm:1:1: error: the camera needs --sensor-width-mm too"),
         ({"--swath": 30, "--side-overlap": 70}, "one of the two"),
