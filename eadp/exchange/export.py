@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -17,7 +17,6 @@ from eadp.core.geometry.geodesy import (
     FARTHEST_M,
     place_text,
     to_geodetic_deg,
-    to_local_m,
     to_near_local_m,
 )
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
@@ -35,21 +34,18 @@ from eadp.exchange.writer import EXPORTS, FENCED, files_beside, items_text, mapp
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import parameters_of
 from eadp.io.scenario import override_texts, read_overrides, read_scenario
-from eadp.io.text.options import Flag
+from eadp.io.text.options import Flag, check_range
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import Airspace, risk_text
 from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import LAND, Leg, leg_points
+from eadp.models.plan.stage import Leg, leg_points
 from eadp.models.plan.trace import nominal_route, zone_findings
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
 from eadp.plug_ins import plug_in
-
-NEAR_M = 1.0
-"""Distance up to which the path starts or ends at home [m]."""
 
 FENCE_STEP_M = 2.0
 """Distance between points of the path that is checked for fences [m]."""
@@ -58,9 +54,13 @@ Position = str | tuple[float, float]
 """Latitude and longitude [°], as a pair or as text."""
 
 
+RISK = 0.05
+"""Probability to enter an obstacle, or to leave the boundary, above which a mission is not written."""
+
+
 @dataclass(frozen=True)
-class PartOptions:
-    """At which parameters a plan is exported, and what of it."""
+class ExportOptions:
+    """Options of an export. Faults name them as the command `eadp export` does."""
 
     overrides: Annotated[Sequence[str], Flag("--set", metavar="NAME=VALUE")] = ()
     """A parameter, as in spacing=20; with --scenario any of its keys."""
@@ -77,11 +77,6 @@ class PartOptions:
     parameters: Annotated[str | None, Flag(metavar="FILE")] = None
     """Write the autopilot's parameters that the forecast holds for: .param of ArduPilot, .params of PX4."""
 
-
-@dataclass(frozen=True)
-class PlaceOptions:
-    """Where an exported plan lies."""
-
     altitude_m: float | None = None
     """Altitude above home [m], where the plan has none; by default the aircraft's."""
 
@@ -90,15 +85,6 @@ class PlaceOptions:
 
     origin_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
     """Where the plan's (0, 0) lies: LAT,LON [°], for a plan without."""
-
-
-RISK = 0.05
-"""Probability to enter an obstacle, or to leave the boundary, above which a mission is not written."""
-
-
-@dataclass(frozen=True)
-class ExportOptions(PlaceOptions, PartOptions):
-    """Options of an export. Faults name them as the command `eadp export` does."""
 
     trigger_distance_m: float | None = None
     """Take a picture every so many metres [m]."""
@@ -130,78 +116,20 @@ class ExportOptions(PlaceOptions, PartOptions):
             ("--tolerance", self.tolerance_m),
             ("--min-radius", self.min_radius_m),
         ):
-            if value is not None and not 0.01 <= value <= 10_000:
-                raise _fault(option, f"{value:g}", f"{value:g} m is out of range", "from 0.01 to 10000")
-        if self.altitude_m is not None and not abs(self.altitude_m) <= 10_000:
-            message = f"{self.altitude_m:g} m is out of range"
-            raise _fault("--altitude", f"{self.altitude_m:g}", message, "from -10000 to 10000")
+            if value is not None:
+                check_range(option, value, 0.01, 10_000, closed=True)
+        if self.altitude_m is not None:
+            check_range("--altitude", self.altitude_m, -10_000, 10_000, closed=True)
 
 
-class Exported(NamedTuple):
-    """A plan in another format.
+def _items_beside(path: PlannedPath, chosen: _Chosen, to: str, autopilot: Autopilot, warn: Warn) -> dict[str, str]:
+    """What is written beside a mission of items, by the ending of its name; what its autopilot asks of it is said.
 
-    Attributes
-    ----------
-    text : str
-    parameters : str
-        The file of an autopilot's parameters; empty where none is asked for.
-    beside : mapping of str
-        Files that are written beside it, by the ending of their names: the map of its items to stages, and ArduPilot's
-        fence.
+    It is the map of its items to stages, and ArduPilot's fence. Raises Infeasible where PX4 does not arm it.
     """
-
-    text: str
-    parameters: str = ""
-    beside: Mapping[str, str] = {}
-
-    def write(self, path: str) -> None:
-        """Write the file, and those beside it. Raises InputError."""
-        write_text(path, self.text)
-        for ending, text in self.beside.items():
-            write_text(path + ending, text)
-
-
-def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Exported:
-    """A plan in the format of an autopilot or a map.
-
-    Parameters
-    ----------
-    plan : path or Plan
-        A path may be that of a mission.
-    to : str
-        Name of the format, of `EXPORT_NAMES`.
-    options : ExportOptions
-    warn : function
-        Takes what was forecast, and what the format cannot hold.
-
-    Returns
-    -------
-    Exported
-
-    Raises
-    ------
-    InputError
-        With the faults of the files, or of an option.
-    Infeasible
-        As `export`.
-    """
-    options.check(to)
-    writer = writer_of(to)
-    if writer is None:
-        raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
-    autopilot = autopilot_of(to, options)
-    decides = to in WITH_ITEMS and options.telemetry is None  # whether airspeeds that are decided can be commanded
-    stated = options.scenario is None
-    chosen = _stated(plan, options, warn) if stated else _forecast(plan, autopilot, options, warn, decides=decides)
-    planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
-    path = _path(chosen._replace(planned=planned), to, options, warn)
-    if to not in WITH_ITEMS:
-        return Exported(writer(path), chosen.parameters)
     items = mission_items(path, px4=to == "px4")
     if to != PX4 and any(item.command == LAND_START for item in items):
         note = "ArduPlane does not arm it while RTL_AUTOLAND is 0, as delivered; with 2 a return flies its landing"
-        warn([Fault(chosen.name, 1, 1, note, severity="note")])
-    if note := _ends_text(path):
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
     if to == PX4:
         check_landing(items, autopilot)
@@ -216,8 +144,8 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         expected = "fewer lines, eadp cover --sorties, or BRD_SD_MISSION in the autopilot"
         warn([Fault(chosen.name, 1, 1, message, expected, severity="warning")])
     rho = chosen.plan.path_count
-    beside = {ITEMS_ENDING: items_text(mapped_items(items, planned, rho), chosen.plan.names[:rho])}
-    return Exported(writer(path), chosen.parameters, beside | (files_beside(path) if to == "ardupilot" else {}))
+    beside = {ITEMS_ENDING: items_text(mapped_items(items, chosen.planned, rho), chosen.plan.names[:rho])}
+    return beside | (files_beside(path) if to == "ardupilot" else {})
 
 
 class _Chosen(NamedTuple):
@@ -333,20 +261,6 @@ def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
         expected = f"--to {PX4 if stated.kind == PX4 else 'ardupilot or qgc'}, or --set autopilot.kind"
         raise _fault("--to", to, f"the scenario's autopilot is {stated.kind}", expected)
     return replace(stated, kind=PX4) if to == PX4 else stated
-
-
-def _ends_text(path: PlannedPath) -> str:
-    """What a mission flies besides its path: ways that the forecast does not have."""
-    first, last = path.sections[0], path.sections[-1]
-    home_m = to_local_m(*path.home, path.origin_deg)
-    if path.home_deg is not None:
-        ways = {"from home": math.dist(home_m, first.start_m)}
-        if not last.stage.command(LAND):
-            ways["back"] = math.dist(last.end_m, home_m)
-        if sum(ways.values()) > NEAR_M:
-            lengths = " and ".join(f"{length_m:.0f} m {where}" for where, length_m in ways.items())
-            return f"the forecast is without {lengths}, which a plan of eadp cover --home has"
-    return ""
 
 
 def _climb_deg(airframe: Airframe) -> float:
@@ -507,14 +421,26 @@ def export(
         If PX4 would not arm the mission; or if the flight is forecast to enter an obstacle or to leave its boundary,
         with a probability above `RISK`.
     """
-    mission = exported(plan, to, options or ExportOptions(), warn)
-    if options is not None and options.parameters is not None:
-        write_text(options.parameters, mission.parameters)
-    written = out is not None and str(out) != "-"
-    if written:
-        mission.write(str(out))
-    if FENCE_ENDING in mission.beside:
+    options = options or ExportOptions()
+    options.check(to)
+    writer = writer_of(to)
+    if writer is None:
+        raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
+    autopilot = autopilot_of(to, options)
+    decides = to in WITH_ITEMS and options.telemetry is None  # whether airspeeds that are decided can be commanded
+    stated = options.scenario is None
+    chosen = _stated(plan, options, warn) if stated else _forecast(plan, autopilot, options, warn, decides=decides)
+    if options.start is not None:
+        chosen = chosen._replace(planned=_rest(chosen.planned, options.start))
+    path = _path(chosen, to, options, warn)
+    beside = _items_beside(path, chosen, to, autopilot, warn) if to in WITH_ITEMS else {}
+    text, written = writer(path), out is not None and str(out) != "-"
+    if options.parameters is not None:
+        write_text(options.parameters, chosen.parameters)
+    for ending, body in {"": text, **beside}.items() if written else ():
+        write_text(f"{out}{ending}", body)
+    if FENCE_ENDING in beside:
         where = f"{out}{FENCE_ENDING}" if written else "a file beside that of -o FILE"
         message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
         warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
-    return mission.text
+    return text

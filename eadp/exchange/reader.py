@@ -57,10 +57,8 @@ VERSIONS = {
 }
 """The versions of each complex item."""
 LANDINGS = {"fwLandingPattern": LAND, "vtolLandingPattern": VTOL_LAND}
-STRUCTURE = "StructureScan"
 ABOVE_HOME, CALCULATED, ABOVE_TERRAIN = 1, 3, 4
 """QGroundControl's AltitudeMode; of heights above ground: with the altitude of the ground added, or not."""
-NEWER = "a plan (*.plan), which a later QGroundControl makes of it"
 _TRANSECTS = "TransectStyleComplexItem"
 _KINDS = {str: "a string", float: "a number", JsonObject: "an object", JsonList: "a list", tuple: "a list of numbers"}
 
@@ -142,8 +140,6 @@ def read_qgc(source: SourceText) -> MissionDraft:
         If it is no JSON, another version, or an item is not as it should be.
     """
     root = _root(source)
-    if root.value.get("fileType") is None and {"items", "plannedHomePosition"} <= root.value.keys():
-        raise root.error("a mission of QGroundControl 3.1 or older, which is not read", NEWER)
     if root.value.get("fileType") is None:
         refuse_others(Text(source.name, source.body))
     root.expect("fileType", "Plan")
@@ -219,9 +215,6 @@ def _read_item(item: _Value, draft: MissionDraft) -> None:
         raise item.member("type").error(f"{printable(kind, 40)} is not known", "SimpleItem or ComplexItem")
     else:
         name = item.member("complexItemType").is_(str)
-        if name.value == STRUCTURE:
-            message = "a StructureScan: the file has its outline, and not the items that QGroundControl makes of it"
-            raise item.error(message, "the mission as WPL, or as read back from the vehicle, which have them")
         if name.value not in VERSIONS:
             raise name.error(f"{printable(name.value, 40)} is not known", f"one of {', '.join(VERSIONS)}")
         item.expect("version", *VERSIONS[name.value])

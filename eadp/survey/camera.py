@@ -201,11 +201,7 @@ class CameraOptions:
             return found
         if self.altitude_m is not None:
             raise option_fault("--gsd", f"{self.gsd_cm:g}", "the size of a pixel beside the altitude", "one of the two")
-        if not MIN_GSD_CM <= self.gsd_cm <= MAX_GSD_CM:
-            expected = (
-                f"centimetres from {MIN_GSD_CM:g} to {MAX_GSD_CM:g}: {self.gsd_cm:g} m are {100 * self.gsd_cm:g} cm"
-            )
-            raise option_fault("--gsd", f"{self.gsd_cm:g}", f"{self.gsd_cm:g} cm a pixel", expected)
+        check_range("--gsd", self.gsd_cm, MIN_GSD_CM, MAX_GSD_CM, closed=True)
         width_mm, focal_mm, columns = found._needed("sensor_width_mm", "focal_length_mm", "image_width_px")
         # h = g n / (s / f): the altitude at which n pixels of the size g are as wide as the picture
         return replace(found, altitude_m=self.gsd_cm / 100 * columns / ground_m(width_mm, focal_mm, 1.0))

@@ -89,11 +89,15 @@ def command(
         from eadp.io.figures.canvas import check_figure_name
 
         check_figure_name(plot)
+    taken = [] if file == "-" else [os.path.realpath(file)]
     for option, path in (("--out", None if divided else out), ("--plot", plot)):
-        if path not in (None, "-") and not Path(path).absolute().parent.is_dir():
+        if path is None or path == "-":
+            continue
+        if not Path(path).absolute().parent.is_dir():
             raise usage_fault(option, path, "no such folder", "a file in an existing folder")
-        if file != "-" and path is not None and os.path.realpath(path) == os.path.realpath(file):
-            raise usage_fault(option, path, "is the field's own file", "a file of its own")
+        if os.path.realpath(path) in taken:
+            raise usage_fault(option, path, "is the field's own file, or the plan's", "a file of its own")
+        taken.append(os.path.realpath(path))
     name = "<stdin>" if file == "-" else file
     files = {"profile": given.profile, "scenario": given.scenario, "vehicle": given.vehicle}
     if divided:

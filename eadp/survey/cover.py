@@ -51,6 +51,7 @@ from eadp.survey.heights import (
     Ground,
     Lack,
     TerrainTask,
+    check_approach,
     clear_circle,
     climb_lack,
     climbed_first,
@@ -107,37 +108,6 @@ class CoverageTask:
     profile: Profile | None = None
     pack: Pack | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
-
-    @classmethod
-    def read(
-        cls,
-        path: str,
-        options: CoverageOptions,
-        vehicle: str,
-        airframe: Airframe,
-        wind_mps: Point,
-        profile: Profile | None = None,
-        pack: Pack | None = None,
-        autopilot: Autopilot | None = None,
-    ) -> CoverageTask:
-        """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
-
-        Raises
-        ------
-        InputError
-            Of the options and of the file.
-        """
-        motion = options.motion(airframe, wind_mps)
-        if options.altitude_m is not None:
-            check_range("--altitude", options.altitude_m, 0, MAX_ALTITUDE_M)
-        check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
-        if not has_pattern(options.pattern):
-            raise option_fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
-        text = read_field_text(path)
-        field, repairs = read_field(text, metres=options.metres, feature=options.feature)
-        field, notes = _limited(field, options)
-        notes, flies = [*repairs, *notes], autopilot or Autopilot()
-        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack, flies)
 
     @property
     def extent_m(self) -> float:
@@ -223,7 +193,7 @@ class CoverageTask:
         ground = None
         if self.terrain is not None:
             ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, self.landing[:2])
-            self.terrain.check_approach(final, ground)
+            check_approach(final, ground)
         space = replace(request, airspace=self._airspace(final)).space  # it leads down to obstacles near home
         circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), space)
         return final._replace(
@@ -600,8 +570,17 @@ def coverage_task(
         faults = flown.airframe.flown_at(options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
-    autopilot = setting.keys.autopilot
-    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack, autopilot)
+    motion = options.motion(flown.airframe, wind_mps)
+    if options.altitude_m is not None:
+        check_range("--altitude", options.altitude_m, 0, MAX_ALTITUDE_M)
+    check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
+    if not has_pattern(options.pattern):
+        raise option_fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
+    text = read_field_text(field)
+    ground, repairs = read_field(text, metres=options.metres, feature=options.feature)
+    ground, notes = _limited(ground, options)
+    notes, autopilot = [*repairs, *notes], setting.keys.autopilot
+    task = CoverageTask(text.name, ground, notes, options, motion, flown.name, flown.airframe, profile, pack, autopilot)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])

@@ -629,18 +629,11 @@ def _climbed_m(
     return climbed_m
 
 
-def low_approach(final: FinalApproach, ground: Ground) -> tuple[str, float, float] | None:
-    """Where a final approach comes nearest to the ground, if it is too near.
+def check_approach(final: FinalApproach, ground: Ground) -> None:
+    """Raise Infeasible where a final approach comes too near to the ground.
 
     It has to stay above all that is below it, by half of its height over its end's ground, or by the clearance if that
     is less. Where this is less than `FLARE_M`, nothing is asked.
-
-    Returns
-    -------
-    str
-        The place, for people.
-    float, float
-        Heights above the ground there, as they are and as they have to be [m]. None where all are enough.
     """
     samples, limits = ground.samples([final.leg]), ground.limits
     # the highest of the ground and obstacles near each sample, above the ground of the approach's end
@@ -650,8 +643,15 @@ def low_approach(final: FinalApproach, ground: Ground) -> tuple[str, float, floa
     above_m = heights_m - tops_m
     k = int(np.argmin(np.where(min_m < FLARE_M, np.inf, above_m - min_m)))
     if above_m[k] >= min_m[k] - MAP_M:
-        return None
-    return ground.terrain.place_text(samples.points_m[k]), float(above_m[k]), float(min_m[k])
+        return
+    place = ground.terrain.place_text(samples.points_m[k])
+    message = f"the final approach towards {compass_deg(final.leg.start[2]) % 360:.0f}° "
+    if above_m[k] > 0:
+        lacks_m = min_m[k] - above_m[k]
+        message += f"is {above_m[k]:.1f} m above the ground at {place}, {lacks_m:.2g} m less than it has to be"
+    else:
+        message += f"leads into the ground at {place}"
+    raise Infeasible(message)
 
 
 def clear_circle(circle: CoverageLeg, final: FinalApproach, ground: Ground) -> bool:
@@ -787,15 +787,3 @@ class TerrainTask(NamedTuple):
         """The ground of a flight whose altitudes are 0 at a place [m]. Raises Infeasible where it is not known."""
         zero_m = round(float(self.terrain.known_m(np.array([zero]))[0]), 2)  # as a plan has it
         return Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
-
-    def check_approach(self, final: FinalApproach, ground: Ground) -> None:
-        """Raise Infeasible where a final approach comes too near to the ground."""
-        if (low := low_approach(final, ground)) is None:
-            return
-        place, above_m, min_m = low
-        message = f"the final approach towards {compass_deg(final.leg.start[2]) % 360:.0f}° "
-        if above_m > 0:
-            message += f"is {above_m:.1f} m above the ground at {place}, {min_m - above_m:.2g} m less than it has to be"
-        else:
-            message += f"leads into the ground at {place}"
-        raise Infeasible(message)

@@ -12,11 +12,9 @@ from typer import Argument
 from eadp.cli.output import emit
 from eadp.errors import Fault, InputError, refuse
 from eadp.io.text.options import Flag
-from eadp.io.text.streams import Text, write_text
-from eadp.io.vehicle import read_vehicle
+from eadp.io.text.streams import write_text
 from eadp.survey.camera import FOLDER as CAMERAS_FOLDER
-from eadp.survey.cover import CoverageTask
-from eadp.survey.coverage import cover
+from eadp.survey.cover import coverage_task
 from eadp.survey.options import CoverageOptions
 
 FOLDER = files("eadp") / "presets"
@@ -44,11 +42,10 @@ def start_texts(folder: str, preset: str) -> dict[str, str]:
     if preset not in PRESETS:
         raise InputError.at("--preset", 1, 1, "no such aircraft", f"one of {', '.join(PRESETS)}", preset)
     vehicle, field = f"{preset}.yaml", FOLDER / FIELD
-    body = (FOLDER / "vehicles" / vehicle).read_text("utf-8")
-    airframe = read_vehicle(Text(vehicle, body)).airframe
-    options = CoverageOptions(swath_m=SWATH_M, pattern="zamboni", wind=WIND)
-    task = CoverageTask.read(str(field), options, preset, airframe, (0.0, 0.0))
-    plan = task.planned(cover(task.request)).text
+    path = FOLDER / "vehicles" / vehicle
+    body, options = path.read_text("utf-8"), CoverageOptions(swath_m=SWATH_M, pattern="zamboni", wind=WIND)
+    task = coverage_task(str(field), options, None, None, str(path), lambda _: None)
+    plan = task.planned(task.solution()).text
     names = {"vehicle": vehicle, "scenario": SCENARIO, "plan": PLAN, "wind_mps": WIND[0], "from_deg": WIND[1]}
     scenario = (FOLDER / SCENARIO).read_text("utf-8").format(**names)
     camera = (CAMERAS_FOLDER / f"{LIGHT_CAMERA}.yaml").read_text("utf-8")

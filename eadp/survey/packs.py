@@ -15,15 +15,19 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
+from eadp.api.inputs import FlightInputs
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.polygons import FAR_M, clipped, ground_m2
 from eadp.errors import Infeasible
 from eadp.models.airspace import Field
-from eadp.survey.coverage import LineGrid
+from eadp.planning.forecast.held import Preflight
+from eadp.survey.coverage import CoverageSolution, LineGrid
+from eadp.survey.report import CoveragePlan
+from eadp.survey.swaths import CoveragePath
 
 MAX_RISE = 1.25
 """Ratio by which the number of sorties rises at most: what few long ones forecast is less sure."""
@@ -143,27 +147,62 @@ class Division:
         return self._extents[k][-1][1]
 
 
-class Sortie(Protocol):
-    """What is forecast of a sortie."""
+@dataclass(frozen=True)
+class PlannedSortie:
+    """One flight: its path, its plan, and its forecast, which is that of `SortiePlanner.sortie`.
+
+    Attributes
+    ----------
+    solution : CoverageSolution
+    plan : CoveragePlan
+    inputs : FlightInputs
+    forecast : Preflight
+    spare : float
+        Charge at the end above the reserve, and above that with which the autopilot turns back, that is there with the
+        probability of the reserve, as a share of a pack.
+    """
+
+    solution: CoverageSolution
+    plan: CoveragePlan
+    inputs: FlightInputs
+    forecast: Preflight
+    spare: float
 
     @property
-    def spare(self) -> float:
-        """Charge that it leaves above what has to be left, as a share of a pack; below 0 where it cannot be flown."""
+    def used(self) -> float:
+        """Charge that the whole flight takes, as a share of a pack."""
+        charge, soc_end = self.inputs.world.battery.soc, self.forecast.forecast.soc_end
+        # of a pack that is empty before the end, what the flight would take
+        return charge - soc_end if soc_end else charge - self.inputs.scenario.keys.reserve_soc - self.spare
+
+    @property
+    def energy_wh(self) -> float:
+        """Energy that it takes [Wh]."""
+        return self.forecast.forecast.energy_wh or 0.0
+
+    @property
+    def time_s(self) -> float:
+        """Time that it takes [s]."""
+        return self.forecast.forecast.remaining_s or 0.0
 
     @property
     def used_on_lines(self) -> float:
         """Charge that it takes from the first line to the last, as a share of a pack."""
+        return self.used * (1 - self.solution.access_s / self.solution.time_s)
+
+    def path(self) -> CoveragePath:
+        """Its path at the spacing that is forecast."""
+        return self.solution.path(self.forecast.decided[0] if self.solution.min_c1 < 0 else 0.0)
 
 
-AnySortie = TypeVar("AnySortie", bound=Sortie)
 Interval = tuple[float, float]
 
 
-class Divided(NamedTuple, Generic[AnySortie]):
+class Divided(NamedTuple):
     """Sorties in the order of their lines, and the intervals of the lines that they have [m]."""
 
     intervals: list[Interval]
-    sorties: list[AnySortie]
+    sorties: list[PlannedSortie]
 
     @property
     def lengths_m(self) -> FloatArray:
@@ -192,13 +231,13 @@ class Divided(NamedTuple, Generic[AnySortie]):
         return math.ceil(len(self.sorties) * used / available - 1e-9) if available > 0 else MAX_SORTIES + 1
 
     @property
-    def shortest(self) -> AnySortie:
+    def shortest(self) -> PlannedSortie:
         """The sortie with the least charge above what has to be left."""
         return min(self.sorties, key=lambda sortie: sortie.spare)
 
 
 @dataclass(frozen=True)
-class Divider(Generic[AnySortie]):
+class Divider:
     """Finds the fewest sorties.
 
     Attributes
@@ -213,15 +252,15 @@ class Divider(Generic[AnySortie]):
     """
 
     division: Division
-    forecast: Callable[[Field], AnySortie]
+    forecast: Callable[[Field], PlannedSortie]
     cuts: bool = True
     on_part: Callable[[str], None] = lambda _: None
 
     @cached_property
-    def _known(self) -> dict[Interval, AnySortie]:
+    def _known(self) -> dict[Interval, PlannedSortie]:
         return {}
 
-    def fewest(self, min_count: int) -> Divided[AnySortie]:
+    def fewest(self, min_count: int) -> Divided:
         """The division into the fewest sorties found that can all be flown, `min_count` or more.
 
         Raises
@@ -238,7 +277,7 @@ class Divider(Generic[AnySortie]):
             count = max(count + 1, min(needed, int(MAX_RISE * count)))
         return found
 
-    def _alike(self, count: int) -> Divided[AnySortie]:
+    def _alike(self, count: int) -> Divided:
         """The division into `count` sorties of about the same spare charge, with whole lines where that is enough.
 
         Where none is found that can be flown: the last one tried. Raises Infeasible where whole lines are too few, and
@@ -265,13 +304,13 @@ class Divider(Generic[AnySortie]):
             raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
         return found
 
-    def _divided_at(self, ends_m: FloatArray) -> Divided[AnySortie]:
+    def _divided_at(self, ends_m: FloatArray) -> Divided:
         """The sorties between some places along all lines, in their order [m]; empty ones are left out."""
         rounded = [round(end_m, 3) for end_m in ends_m.tolist()]  # `_known` has intervals to the millimetre
         intervals = [pair for pair in itertools.pairwise(rounded) if pair[1] > pair[0]]
         return Divided(intervals, [self._sortie(interval) for interval in intervals])
 
-    def _sortie(self, interval: Interval) -> AnySortie:
+    def _sortie(self, interval: Interval) -> PlannedSortie:
         """The sortie over an interval [m], forecast once."""
         if interval not in self._known:
             share = interval[1] / self.division.total_m

@@ -385,7 +385,10 @@ class CoveragePlan:
     @property
     def titled_paths(self) -> dict[str, CoveragePath]:
         """The path at each end of c1 under a title."""
-        return {self._covers_text(end): end.path for end in self.ends}
+        return {
+            f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered": end.path
+            for end in self.ends
+        }
 
     def _covers_text(self, end: PathReport) -> str:
         """What the path covers at an end of c1."""

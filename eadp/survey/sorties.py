@@ -23,7 +23,6 @@ from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, check_range
 from eadp.models.airspace import Field
 from eadp.planning.forecast.evaluate import Objective
-from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import planner_class
 from eadp.survey.airspace import free_lines
 from eadp.survey.camera import Pictures, pictures_document
@@ -38,10 +37,9 @@ from eadp.survey.coverage import (
     LineGrid,
     cover,
 )
-from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division
+from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, PlannedSortie
 from eadp.survey.report import (
     FULL,
-    CoveragePlan,
     HeightReport,
     LeftGround,
     covered_by_lines,
@@ -87,54 +85,6 @@ class SortieOptions:
             expected = f"auto, or a whole number from 1 to {MAX_SORTIES}"
             raise InputError.at("--sorties", 1, 1, "no number of sorties", expected, str(self.sorties))
         check_range("--sorties", 1 if self.count is None else self.count, 1, MAX_SORTIES, closed=True)
-
-
-@dataclass(frozen=True)
-class PlannedSortie:
-    """One flight: its path, its plan, and its forecast, which is that of `SortiePlanner.sortie`.
-
-    Attributes
-    ----------
-    solution : CoverageSolution
-    plan : CoveragePlan
-    inputs : FlightInputs
-    forecast : Preflight
-    spare : float
-        Charge at the end above the reserve, and above that with which the autopilot turns back, that is there with the
-        probability of the reserve, as a share of a pack.
-    """
-
-    solution: CoverageSolution
-    plan: CoveragePlan
-    inputs: FlightInputs
-    forecast: Preflight
-    spare: float
-
-    @property
-    def used(self) -> float:
-        """Charge that the whole flight takes, as a share of a pack."""
-        charge, soc_end = self.inputs.world.battery.soc, self.forecast.forecast.soc_end
-        # of a pack that is empty before the end, what the flight would take
-        return charge - soc_end if soc_end else charge - self.inputs.scenario.keys.reserve_soc - self.spare
-
-    @property
-    def energy_wh(self) -> float:
-        """Energy that it takes [Wh]."""
-        return self.forecast.forecast.energy_wh or 0.0
-
-    @property
-    def time_s(self) -> float:
-        """Time that it takes [s]."""
-        return self.forecast.forecast.remaining_s or 0.0
-
-    @property
-    def used_on_lines(self) -> float:
-        """Charge that it takes from the first line to the last, as a share of a pack."""
-        return self.used * (1 - self.solution.access_s / self.solution.time_s)
-
-    def path(self) -> CoveragePath:
-        """Its path at the spacing that is forecast."""
-        return self.solution.path(self.forecast.decided[0] if self.solution.min_c1 < 0 else 0.0)
 
 
 @dataclass(frozen=True)
@@ -245,7 +195,7 @@ class SortiePlanner:
             found = planned(part, draft=True)
             return planned(part, draft=False) if -DRAFT_SHARE * found.used <= found.spare < 0 else found
 
-        def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
+        def divided(order: Sequence[int] | None = None) -> Divided:
             """The fewest sorties over the lines in an order, by default side by side."""
             division = Division(ground, grid, OVERLAP_M, order)
             divider = Divider(division, forecast, cuts=not laps, on_part=self.on_part)
@@ -325,7 +275,7 @@ class SortiePlan:
 
     planner: SortiePlanner
     ground: Field
-    divided: Divided[PlannedSortie]
+    divided: Divided
 
     @cached_property
     def sorties(self) -> list[PlannedSortie]:

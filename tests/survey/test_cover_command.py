@@ -26,29 +26,17 @@ def box(tmp_path):
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("pattern", ["auto", "zamboni", "dubins"])
-def test_json_has_what_is_documented(eadp, pattern):
-    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", pattern, "--format", "json")
-    assert answer.code == 0
-    document = json.loads(answer.out)
-    assert document["schema"] == "eadp.cover/1"
-    assert document["coverage"] >= 0.9999
-    assert document["coverage_min"] >= 0.9999
-    assert document["min_radius_m"] >= 30
-    assert document["pattern"] == ("dubins" if pattern == "auto" else pattern)
-    assert document["normalised"] == []
-    assert document["plan"].splitlines()[0].startswith("%")
-    for key in ("length_m", "time_s", "lines", "heading_deg"):
-        assert document[key] > 0
-
-
-@pytest.mark.quick(1)
 @pytest.mark.parametrize("pattern", ["dubins", "zamboni"])
 def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
     plan = tmp_path / "meadow.plan"
-    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", pattern, "-o", plan)
-    assert answer.code == 0
-    assert "written" in answer.out
+    asked = "auto" if pattern == "dubins" else pattern
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", asked, "-o", plan, "--format", "json")
+    document = json.loads(answer.out)
+    assert (document["schema"], document["pattern"], document["normalised"]) == ("eadp.cover/1", pattern, [])
+    assert min(document["coverage"], document["coverage_min"]) >= 0.9999
+    assert document["min_radius_m"] >= 30
+    assert min(document[key] for key in ("length_m", "time_s", "lines", "heading_deg")) > 0
+    assert document["plan"] == plan.read_text()
     check = json.loads(eadp("plan", plan, "--check", "--format", "json").out)
     assert check["findings"] == []
     assert check["repeats"] is (pattern == "zamboni")
@@ -65,19 +53,8 @@ def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
 
 def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
     plan, folder = tmp_path / "meadow.plan", tmp_path / "flight"
-    answer = eadp(
-        "cover",
-        "plans/meadow.geojson",
-        *FLAGS[:2],
-        "--swath",
-        "90",
-        "--pattern",
-        "dubins",
-        "--format",
-        "json",
-        "-o",
-        plan,
-    )
+    given = ("--min-radius", "30", "--swath", "90", "--pattern", "dubins")
+    answer = eadp("cover", "plans/meadow.geojson", *given, "--format", "json", "-o", plan)
     field = json.loads(answer.out)["field"]
     assert field["name"] == "meadow"
     assert json.loads(eadp("plan", plan, "--format", "json").out)["field"] == {
@@ -144,12 +121,7 @@ PHANTOM = {"--camera": "dji-phantom-4-pro", "--side-overlap": 70, "--forward-ove
 def test_the_altitude_follows_from_the_size_of_a_pixel(eadp, tmp_path):
     """DJI's own formula of this camera, of the Phantom 4 RTK: a pixel has H/36.5 cm, H in metres."""
     plan = tmp_path / "meadow.plan"
-    given = (
-        *LINES,
-        "--wind",
-        "3,0",
-        *flags(PHANTOM),
-    )
+    given = (*LINES, "--wind", "3,0", *flags(PHANTOM))
     answer = eadp(*given, "--gsd", "2", "--format", "json")
     document = json.loads(answer.out)
     altitude_m = document["camera"]["altitude_m"]
@@ -191,7 +163,7 @@ def test_pictures_faster_than_the_camera_are_warned_of(eadp):
         ({**PHANTOM, "--gsd": 2, "--altitude": 73}, "--gsd:1:1: error: the size of a pixel beside the altitude"),
         (
             {**PHANTOM, "--gsd": 0.02},
-            "--gsd:1:1: error: 0.02 cm a pixel; expected centimetres from 0.1 to 1000: 0.02 m",
+            "--gsd:1:1: error: 0.02 is out of range; expected from 0.1 to 1000",
         ),
         ({"--gsd": 2, "--swath": 30}, "--sensor-width-mm:1:1: error: the camera needs --sensor-width-mm too"),
         ({"--swath": 30, "--side-overlap": 70}, "one of the two"),
@@ -270,9 +242,7 @@ def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
 def test_repairs_are_noted(eadp, tmp_path):
     path = tmp_path / "field.csv"
     path.write_text("x_m,y_m\n0,0\n0,300\n400,300\n450,350\n400,300\n400,0\n")
-    answer = eadp("cover", path, *FLAGS)
-    assert answer.code == 0
-    assert "1 outline that crossed or touched itself repaired" in answer.err
+    assert "note: 1 outline that crossed or touched itself repaired" in eadp("cover", path, *FLAGS).err
     document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
     assert len(document["normalised"]) == 1
 
@@ -461,25 +431,13 @@ def test_a_start_or_a_home_where_none_may_fly_is_refused(eadp, limits, tmp_path,
     assert f"{option}:1:1: error: lies in an obstacle or beyond the boundary" in answer.err
 
 
-@pytest.mark.parametrize(("height", "code"), few_rows([(-5, 2), (5, 0)], 1))
-def test_obstacles_that_touch_or_overlap_and_one_below_the_ground(eadp, limits, tmp_path, height, code):
+def test_obstacles_that_touch_or_overlap(eadp, limits, tmp_path):
     corners = [(200, 100, 250, 160), (250, 100, 300, 160), (280, 120, 330, 180)]
-    features = [
-        {
-            "type": "Feature",
-            "properties": {"name": f"house {i}", "height": height},
-            "geometry": {"type": "Polygon", "coordinates": [[(w, s), (e, s), (e, n), (w, n), (w, s)]]},
-        }
-        for i, (w, s, e, n) in enumerate(corners)
-    ]
-    document = {"type": "FeatureCollection", "units": "m", "features": features}
+    rings = [[[(w, s), (e, s), (e, n), (w, n), (w, s)]] for w, s, e, n in corners]
+    document = {"type": "MultiPolygon", "units": "m", "coordinates": rings}
     (tmp_path / "houses.geojson").write_text(json.dumps(document))
     plan = tmp_path / "around.plan"
     answer = eadp("cover", *limits, "--avoid", tmp_path / "houses.geojson", "-o", plan)
-    assert answer.code == code
-    if code:
-        assert "a height of -5; expected metres above the field" in answer.err
-        return
     assert "stays      out of 3 obstacles" in answer.out
     assert eadp("simulate", plan).code == 0
 

@@ -17,8 +17,7 @@ from eadp.api.inputs import Files
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.models.airspace import Airspace
-from eadp.models.vehicle import PaperVehicle
-from eadp.survey.cover import CoverageTask
+from eadp.survey.cover import coverage_task
 from eadp.survey.options import CoverageOptions
 from eadp.survey.resume import flown_again, left_of, resumed
 from eadp.survey.sorties import SortieOptions, SortiePlanner
@@ -36,7 +35,7 @@ def planner(tmp_path):
     path = tmp_path / "field.geojson"
     path.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     options = CoverageOptions(min_radius_m=10, swath_m=SWATH_M, heading_deg=90, pattern="dubins", home=ORIGIN)
-    task = CoverageTask.read(str(path), options, "", PaperVehicle(), (0.0, 0.0))
+    task = coverage_task(str(path), options, None, None, None, lambda _: None)
     return SortiePlanner(task, SortieOptions(), Files())
 
 
