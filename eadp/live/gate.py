@@ -347,10 +347,10 @@ class Departure:
             self._airspeed -= math.expm1(-step_s / AIRSPEED_S) * (share - self._airspeed)
         self._near_s = self._near_s + step_s if mismatch <= NEAR else 0.0
         self._far = mismatch > FAR or (self._far and self._near_s < STAYS_S)
-        far = self._far if sample.flies_mission is None else not sample.flies_mission
+        far = self._far if sample.mode.flies_mission is None else not sample.mode.flies_mission
         self.away = far or abs(self._airspeed - self._usual) > OTHER_SPEED
         self.away_s = self.away_s + step_s if self.away else 0.0
-        usual_s = LASTING_S if self.away and not sample.flies_mission else USUAL_S
+        usual_s = LASTING_S if self.away and not sample.mode.flies_mission else USUAL_S
         self._usual -= math.expm1(-step_s / usual_s) * (self._airspeed - self._usual)
 
 

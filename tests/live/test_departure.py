@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from eadp.live.gate import FAR, Departure
-from eadp.planning.base import Sample
+from eadp.planning.base import Mode, Sample
 
 CRUISE_MPS = 15.0
 
 
 def sample(time_s, airspeed_mps=None, flies_mission=None):
-    return Sample(time_s, (0.0, 0.0), power_w=40.0, soc=0.9, airspeed_mps=airspeed_mps, flies_mission=flies_mission)
+    return Sample(time_s, (0.0, 0.0), power_w=40.0, soc=0.9, airspeed_mps=airspeed_mps, mode=Mode(flies_mission))
 
 
 @pytest.mark.parametrize("flies", [True, False])
