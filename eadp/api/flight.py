@@ -28,7 +28,7 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PATH
 from eadp.models.profile import Profile
 from eadp.models.world import Step, World
-from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
+from eadp.planning.base import DecisionRecord, Ending, HomeRecord, PlannerSettings
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import PlannedFlight
 from eadp.plug_ins import plug_in, plug_ins
@@ -370,7 +370,7 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
     """A re-planning's record as a line of `decisions.jsonl`; see `DecisionRecord` for its keys."""
     row: dict[str, Any] = {}
     for key, value in record._asdict().items():
-        row |= value._asdict() if isinstance(value, Ending) else {key: value}
+        row |= value._asdict() if isinstance(value, (Ending, HomeRecord)) else {key: value}
     row["time_s"] = round(record.time_s, 9)
     row["parameters"] = dict(zip(names, record.parameters, strict=True))
     return row

@@ -24,7 +24,7 @@ from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
 from eadp.models.plan.stage import Stage, rest_of
-from eadp.planning.base import BY_FALLBACK, Ending, Mission, Observation, Sample, next_multiple
+from eadp.planning.base import BY_FALLBACK, Ending, HomeRecord, Mission, Observation, Sample, next_multiple
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.registry import PlannedFlight
 from eadp.planning.state.flight_state import FlightState
@@ -69,10 +69,8 @@ class Advice(NamedTuple):
         Codes of what is wrong with the telemetry.
     returns_home : bool
         Whether to give the plan up and fly home.
-    home_reachable : bool or None
-        Whether home can be reached with the reserve kept; None where that is unknown.
-    point_of_no_return_s, home_by_s : float or None
-        Up to when, and when home is reached then at the latest [s]; see `DecisionRecord`.
+    home : HomeRecord
+        The way home.
     airspeed_mps : float or None
         True airspeed decided for this stage [m/s]; None where it is not.
     """
@@ -87,9 +85,7 @@ class Advice(NamedTuple):
     reason: str
     warnings: tuple[str, ...]
     returns_home: bool = False
-    home_reachable: bool | None = None
-    point_of_no_return_s: float | None = None
-    home_by_s: float | None = None
+    home: HomeRecord = HomeRecord()
     airspeed_mps: float | None = None
 
 
@@ -213,8 +209,8 @@ class LiveFlight:
         `to` is the sample at the time of the flight, with its ground velocity.
         """
         tracker, flight, before, time_s = self._tracker, self._flight, self._flight.decision, to.time_s
-        if sample.flies_mission is not False:
-            tracker.flies_mission = bool(sample.flies_mission)
+        if sample.mode.flies_mission is not False:
+            tracker.flies_mission = bool(sample.mode.flies_mission)
         # the charge measured, else the one known; and the parameters reported: NaN is one on its way to the aircraft
         soc = flight.state.soc if sample.soc is None else sample.soc
         self._climbs.update(sample, _altitude_m(self._mission, tracker.executor.stage))
@@ -307,7 +303,7 @@ class LiveFlight:
             self._departure.update(to, mismatch)
         if self._departure.away_s > BY_HAND_S:
             tracker.through_gap = True
-        back = bool(to.flies_mission) and was_away
+        back = bool(to.mode.flies_mission) and was_away
         self._departure.rejoins = (self._departure.rejoins or back) and (tracker.is_behind or mismatch > FAR)
 
     @property
@@ -319,7 +315,7 @@ class LiveFlight:
         """A sample as an observation, see `PlanTracker.observation`."""
         return self._tracker.observation(to, position, soc)._replace(
             on_plan=self._climbs.on_plan and not (self._departure.away or self._not_placed),
-            returns_home=to.returns_home or self._flight.decision.returns_home,
+            returns_home=to.mode.returns_home or self._flight.decision.returns_home,
             rejoins_at_start=self._tracker.is_behind if self._departure.rejoins else None,
         )
 
@@ -358,7 +354,7 @@ class LiveFlight:
         if self._not_placed:
             return self._advice(sample, NOT_PLACED, sample.wind_mps, Ending())
         if self._departure.away:
-            reason = RETURNS if sample.returns_home else NOT_FLOWN
+            reason = RETURNS if sample.mode.returns_home else NOT_FLOWN
             end = self._forecast(flight.state, self._tracker.applied.effective)
             return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else end.finite)
         # once home is flown to, the forecast is of the way there
@@ -370,13 +366,9 @@ class LiveFlight:
             reasons.append(decision.reason)
         reason = "; ".join(reason for reason in reasons if reason) or KEPT
         if record is not None and record.ending.soc_end is not None:
-            no_return_s, by_s = (
-                None if at_s is None else at_s + self._origin_s
-                for at_s in (record.point_of_no_return_s, record.home_by_s)
-            )
-            return self._advice(sample, reason, record.wind_mps, record.ending.finite)._replace(
-                home_reachable=record.home_reachable, point_of_no_return_s=no_return_s, home_by_s=by_s
-            )
+            reachable, *times_s = record.home
+            home = HomeRecord(reachable, *(None if at_s is None else at_s + self._origin_s for at_s in times_s))
+            return self._advice(sample, reason, record.wind_mps, record.ending.finite)._replace(home=home)
         end = None if self._tracker.lost else self._forecast(flight.state, self._tracker.applied.effective)
         return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else end.finite)
 

@@ -274,7 +274,7 @@ class Departure:
         self._last_s = sample.time_s
         self._near_s = self._near_s + step_s if mismatch <= NEAR else 0.0
         self._far = mismatch > FAR or (self._far and self._near_s < STAYS_S)
-        self.away = self._far if sample.flies_mission is None else not sample.flies_mission
+        self.away = self._far if sample.mode.flies_mission is None else not sample.mode.flies_mission
         self.away_s = self.away_s + step_s if self.away else 0.0
 
 

@@ -368,8 +368,8 @@ class Replanner:
 
     def _update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Update the gate and the flight with a sample; return advice, at the sample's own time, and notices."""
-        if sample.autopilot is not None:
-            self._flight.know(sample.autopilot)
+        if sample.mode.autopilot is not None:
+            self._flight.know(sample.mode.autopilot)
         accepted, notice = self._gate.accept(sample)
         advice, notices = self._flight.update(accepted) if accepted is not None else (None, ())
         if advice is not None:  # the gate may have moved the sample to another clock

@@ -19,7 +19,7 @@ from eadp.io.text.streams import SourceText, Text
 from eadp.live.flight import Advice
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery
-from eadp.planning.base import Mission, Sample
+from eadp.planning.base import Mission, Mode, Sample
 
 LINE_LIMIT_BYTES = 65_536
 MAX_UNKNOWN_KEYS = 100
@@ -285,10 +285,10 @@ class TelemetryReader:
             drawn = self._battery.drain_per_as * 3600 * line.current_consumed_ah
             values["soc"] = max(self._battery.soc - drawn, 0.0)
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
-        values["returns_home"] = bool(line.returns_home)
         parameters = {name: math.nan if value is None else value for name, value in (line.parameters or {}).items()}
-        values["autopilot"] = None if line.autopilot is None else _autopilot(line.autopilot)
-        return Sample(**values, position_m=position, heading_rad=heading, parameters=parameters), faults
+        autopilot = None if line.autopilot is None else _autopilot(line.autopilot)
+        mode = Mode(values.pop("flies_mission"), bool(values.pop("returns_home")), autopilot)
+        return Sample(**values, position_m=position, heading_rad=heading, parameters=parameters, mode=mode), faults
 
     def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:
         """A warning about an invalid value."""
@@ -388,7 +388,8 @@ class DecisionLine(BaseModel):
 
 def decision_line(advice: Advice) -> dict[str, Any]:
     """Advice as the object of a line."""
-    fields = {**advice._asdict(), **advice.ending._asdict(), "soc_end_forecast": advice.ending.soc_end}
+    fields = advice._asdict() | advice.ending._asdict() | advice.home._asdict()
+    fields["soc_end_forecast"] = advice.ending.soc_end
     fields["wind_mps"] = None if advice.wind_mps is None else list(advice.wind_mps)
     fields["warnings"] = list(advice.warnings)
     return {key: fields[key] for key in DecisionLine.model_fields}

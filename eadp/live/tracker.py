@@ -135,7 +135,7 @@ class PlanTracker:
         `position` [m] and `soc` stand for those of the sample, which may not have measured them.
         """
         executor = self.executor
-        at = sample._replace(position_m=position, flies_mission=self.flies_mission)
+        at = sample._replace(position_m=position, mode=sample.mode._replace(flies_mission=self.flies_mission))
         return Observation(at, soc, executor.cursor, executor.joined_m, executor.stages_started, self.through_gap)
 
     # --- stage and lap
@@ -164,11 +164,11 @@ class PlanTracker:
         if position is not None:
             self.located, self._last_step_s = (to.time_s, position), step_s
         # whatever triggers are passed, a mission that is not flown is taken up again on this stage
-        waits = to.flies_mission is False and not (to.returns_home and self._may_end)
+        waits = to.mode.flies_mission is False and not (to.mode.returns_home and self._may_end)
         if self.lost or waits:
             return position or last
         try:
-            skips = 0 if to.flies_mission is False else self._take_report(to)
+            skips = 0 if to.mode.flies_mission is False else self._take_report(to)
             if position is None:
                 self._skip(to, skips or 0, last_s, started)
             elif not (gap and skips is None and self._find(to, before, wind_mps)):
@@ -266,7 +266,7 @@ class PlanTracker:
             if self._leads(to.stages_started - flown):
                 self.guessed = False
                 return to.stages_started - flown
-            if to.flies_mission:
+            if to.mode.flies_mission:
                 self.is_behind = True
                 return 0
             what = f"{to.stages_started} stages started, and {flown} are flown; ignored"

@@ -31,6 +31,25 @@ SOC_JUMP = 0.01
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 
+class Mode(NamedTuple):
+    """What flies an aircraft.
+
+    Attributes
+    ----------
+    flies_mission : bool or None
+        Whether an autopilot flies a mission laid out before, so that its end is certain; False where it holds, returns,
+        or a pilot flies, None where that is not known.
+    returns_home : bool
+        Whether it flies home.
+    autopilot : Autopilot or None
+        The autopilot and its parameters, where they are read anew.
+    """
+
+    flies_mission: bool | None = None
+    returns_home: bool = False
+    autopilot: Autopilot | None = None
+
+
 class Sample(NamedTuple):
     """One sample of telemetry; None where a quantity is not measured.
 
@@ -58,17 +77,12 @@ class Sample(NamedTuple):
         Codes of what is wrong with it.
     airspeed_mps : float or None
         Airspeed [m/s].
-    flies_mission : bool or None
-        Whether an autopilot flies a mission laid out before, so that its end is certain; False where it holds, returns,
-        or a pilot flies, None where that is not known.
-    returns_home : bool
-        Whether it flies home, by its mode.
     altitude_m : float or None
         Altitude above the place of take-off [m].
     voltage_v : float or None
         The battery's voltage [V].
-    autopilot : Autopilot or None
-        The autopilot and its parameters, where they are read anew.
+    mode : Mode
+        What flies the aircraft.
     """
 
     time_s: float
@@ -83,11 +97,9 @@ class Sample(NamedTuple):
     stages_started: int | None = None
     warnings: tuple[str, ...] = ()
     airspeed_mps: float | None = None
-    flies_mission: bool | None = None
-    returns_home: bool = False
     altitude_m: float | None = None
     voltage_v: float | None = None
-    autopilot: Autopilot | None = None
+    mode: Mode = Mode()
 
     @property
     def reading(self) -> tuple[object, ...]:
@@ -226,6 +238,24 @@ class Ending(NamedTuple):
         return Ending(*[value if value is not None and math.isfinite(value) else None for value in self])
 
 
+class HomeRecord(NamedTuple):
+    """The way home, as known at a re-planning.
+
+    Attributes
+    ----------
+    home_reachable : bool or None
+        Whether home can be reached from here with the reserve kept, with its probability; None without a home.
+    point_of_no_return_s : float or None
+        Last time at which it could be reached [s], if it cannot; in a live flight, else, up to when it can as planned.
+    home_by_s : float or None
+        When home is reached at the latest, from there or at the plan's end [s]; of a live flight.
+    """
+
+    home_reachable: bool | None = None
+    point_of_no_return_s: float | None = None
+    home_by_s: float | None = None
+
+
 class DecisionRecord(NamedTuple):
     """One re-planning, as `decisions.jsonl` holds it.
 
@@ -253,12 +283,8 @@ class DecisionRecord(NamedTuple):
         Forecast of the end with them; its quantities are keys of the line.
     wind_mps : (float, float) or None
         Estimated wind [m/s].
-    home_reachable : bool or None
-        Whether home can be reached from here with the reserve kept, with its probability; None without a home.
-    point_of_no_return_s : float or None
-        Last time at which it could be reached [s], if it cannot; in a live flight, else, up to when it can as planned.
-    home_by_s : float or None
-        When home is reached at the latest, from there or at the plan's end [s]; of a live flight.
+    home : HomeRecord
+        The way home; its quantities are keys of the line.
     airspeed_mps : float or None
         Airspeed decided for this stage [m/s]; None where it is not.
     """
@@ -276,9 +302,7 @@ class DecisionRecord(NamedTuple):
     battery_limit: str | None = None
     ending: Ending = Ending()
     wind_mps: Point | None = None
-    home_reachable: bool | None = None
-    point_of_no_return_s: float | None = None
-    home_by_s: float | None = None
+    home: HomeRecord = HomeRecord()
     airspeed_mps: float | None = None
 
 

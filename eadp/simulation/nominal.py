@@ -18,7 +18,7 @@ from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Finding, Plan
-from eadp.models.plan.route import Route, follows
+from eadp.models.plan.route import OVERSHOOT_M, Route, follows
 from eadp.models.plan.stage import Leg, Stage
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import FixedWing, Guidance, PowerCurve
@@ -52,9 +52,9 @@ class Overshoot(NamedTuple):
 def overshoots(
     route: Route, airframe: FixedWing | PowerCurve, guidance: Guidance, wind_mps: Point
 ) -> dict[int, Overshoot]:
-    """The stages of a route as the simulated aircraft flies them in a steady wind [m/s], without noise, by number.
+    """The stages of a route that are flown off their paths in a steady wind [m/s], without noise, by number.
 
-    Empty where the aircraft can follow all of the path. A time is infinite where the aircraft never gets past a stage.
+    A time is infinite where the aircraft never gets past a stage.
     """
     radius_m, speed_mps = airframe.turn_radius_m, airframe.airspeed_mps
     if route.cursor is None or follows(route, radius_m, speed_mps, math.hypot(*wind_mps)):
@@ -79,7 +79,9 @@ def overshoots(
         flown_s, energy_j = (k - began) * STEP_S, loop.variable(ENERGY) * STEP_S
         flown_turning_s = _turning_s(airframe, leg.stage.airspeed_mps or speed_mps, flown_s, energy_j - began_j)
         began_j = energy_j
-        found[leg.stage.index] = Overshoot(leg.stage, Excess(flown_s - leg_s, flown_turning_s - turning_s), off_m)
+        if off_m > OVERSHOOT_M:
+            excess = Excess(max(flown_s - leg_s, 0.0), flown_turning_s - turning_s)
+            found[leg.stage.index] = Overshoot(leg.stage, excess, off_m)
         executor.handle(events, loop.variable(X), loop.variable(Y))
         if executor.complete:
             break

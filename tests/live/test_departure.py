@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from eadp.live.gate import FAR, Departure
-from eadp.planning.base import Sample
+from eadp.planning.base import Mode, Sample
 
 
 def sample(time_s, flies_mission=None):
-    return Sample(time_s, (0.0, 0.0), power_w=40.0, soc=0.9, flies_mission=flies_mission)
+    return Sample(time_s, (0.0, 0.0), power_w=40.0, soc=0.9, mode=Mode(flies_mission))
 
 
 @pytest.mark.parametrize("flies", [True, False])

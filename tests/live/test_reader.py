@@ -18,7 +18,7 @@ from eadp.live.telemetry import LINE_LIMIT_BYTES, TelemetryLine, TelemetryReader
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.vehicle import FixedWing
-from eadp.planning.base import Mission
+from eadp.planning.base import Mission, Mode
 
 OF_KEY = {"x_m": "position_m"}
 GOOD = {"time_s": 1.0, "x_m": 2.0, "y_m": 3, "power_w": 36.5, "soc": 0.5}
@@ -34,7 +34,7 @@ def test_a_line():
     sample, warnings = read(json.dumps(GOOD) + "\r\n")
     assert warnings == []
     assert sample[:4] == (1.0, (2.0, 3.0), 36.5, 0.5)
-    assert sample[4:] == (None, None, None, None, {}, None, (), None, None, False, None, None, None)
+    assert sample[4:] == (None, None, None, None, {}, None, (), None, None, None, Mode())
 
 
 def test_all_keys():

@@ -399,7 +399,7 @@ class Evaluator:
             return replace(rest, index=index[rest.index])
         # mean times over the wind's distribution; of the first leg of each route only a part is left
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
-        wind_var += OVERSHOOT_SHARE**2 * legs.sums(excess_s**2) / legs.sums(in_winds_s[0]) ** 2
+        wind_var += OVERSHOOT_SHARE**2 * legs.sums(excess_s**2) / np.maximum(legs.sums(in_winds_s[0]), 1e-3) ** 2
         whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s * factor[legs.place]
         left = self._left(known, legs, routes, whole_s)
         part = np.ones(len(whole_s))

@@ -34,6 +34,8 @@ from eadp.planning.base import (
     TURNS_BACK,
     Decision,
     DecisionRecord,
+    Ending,
+    HomeRecord,
     Mission,
     Observation,
     PlannerSettings,
@@ -397,19 +399,32 @@ class JointPlanner(Planner):
         if not known.charge.believed:
             reason += GAUGE_DISBELIEVED
         returns_home = self._update_home(o.time_s, plan)
-        waits = None  # the latest turn back
-        if self._mission.live and not returns_home:
-            waits = latest_turn_back(plan.evaluation, solution.filling)
+        ending = plan.evaluation.forecast(solution.filling)
+        home = self._home_record(o.time_s, plan, ending, returns_home=returns_home)
         if returns_home:
             reason = TURNS_BACK + reason
-        elif waits is not None and not solution.feasible:
-            reason += f"; home can wait {waits.time_s - o.time_s:.0f} s"
-        record = self._record(o, known, cause, chosen, plan, reason)
-        if waits is not None:
-            to_end = waits.share >= 1 - ROUNDING and record.ending.remaining_s is not None
-            by_s = o.time_s + (record.ending.remaining_s or 0.0) if to_end else waits.home_s
-            record = record._replace(point_of_no_return_s=waits.time_s, home_by_s=by_s)
-        record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
+        elif home.home_by_s is not None and home.point_of_no_return_s is not None and not solution.feasible:
+            reason += f"; home can wait {home.point_of_no_return_s - o.time_s:.0f} s"
+        b, total = self._mission.battery, self._places.evaluator.objective.total
+        floor = max(plan.evaluation.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
+        available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
+        record = DecisionRecord(
+            time_s=o.time_s,
+            cause=cause,
+            stage=o.stage,
+            lap=o.cursor.lap,
+            parameters=chosen,
+            status=solution.status,
+            calls=self.report.calls - calls,
+            iterations=solution.iterations,
+            gap=solution.gap,
+            reason=reason,
+            battery_limit=limit,
+            ending=ending._replace(available_wh=available_wh, quality_forecast=None if total else solution.value),
+            wind_mps=known.wind.mps,
+            home=home,
+            airspeed_mps=None if plan.pace_mps is None else plan.airspeeds_mps[o.stage - 1],
+        )
         if plan.pace_mps is not None and plan.pace_mps < (self._places.pace_mps or math.inf):
             self._policy.note_slower(o.time_s)
         self._places.decide(plan.shares, chosen, (plan.pace_mps, plan.thriftiest_mps), plan.airspeeds_mps)
@@ -436,6 +451,18 @@ class JointPlanner(Planner):
             return False
         less_short = spare > -plan.evaluation.shortfall
         return less_short and spare < can_fall(plan.evaluation, self._next_s - time_s)
+
+    def _home_record(self, time_s: float, plan: Candidate, ending: Ending, *, returns_home: bool) -> HomeRecord:
+        """The way home; in a live flight that goes on, with the latest turn back."""
+        spare, reached_s = self._home
+        reachable = None if spare is None else spare >= 0
+        waits = None
+        if self._mission.live and not returns_home:
+            waits = latest_turn_back(plan.evaluation, plan.solution.filling)
+        if waits is None:
+            return HomeRecord(reachable, reached_s if reachable is False else None)
+        to_end = waits.share >= 1 - ROUNDING
+        return HomeRecord(reachable, waits.time_s, time_s + (ending.remaining_s or 0.0) if to_end else waits.home_s)
 
     # --- records
 
@@ -499,34 +526,6 @@ class JointPlanner(Planner):
             return None
         first = int(limited[0])
         return LETTER if limits.by_letter[first] else b.limit_at(float(limits.volts[first]))
-
-    def _record(
-        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
-    ) -> DecisionRecord:
-        """The record of a re-planning, without the battery's limit and the runs of OSQP."""
-        b, solution = self._mission.battery, plan.solution
-        forecast = plan.evaluation.forecast(solution.filling)
-        total = self._places.evaluator.objective.total
-        floor = max(plan.evaluation.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
-        available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
-        spare, reached_s = self._home
-        return DecisionRecord(
-            time_s=o.time_s,
-            cause=cause,
-            stage=o.stage,
-            lap=o.cursor.lap,
-            parameters=chosen,
-            status=solution.status,
-            calls=0,
-            iterations=solution.iterations,
-            gap=solution.gap,
-            reason=reason,
-            ending=forecast._replace(available_wh=available_wh, quality_forecast=None if total else solution.value),
-            wind_mps=known.wind.mps,
-            home_reachable=None if spare is None else spare >= 0,
-            point_of_no_return_s=None if spare is None or spare >= 0 else reached_s,
-            airspeed_mps=None if plan.pace_mps is None else plan.airspeeds_mps[o.stage - 1],
-        )
 
 
 def _evaluator(settings: PlannerSettings, mission: Mission, own: JointSettings) -> Evaluator:

@@ -169,7 +169,7 @@ class FlightState:
             self._start_stage(o, seen.stages_before)
         elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
             self._ground.hold(o.time_s, o.cursor, o.parameters)
-        place.cursor, place.flies_mission = o.cursor, bool(o.sample.flies_mission)
+        place.cursor, place.flies_mission = o.cursor, bool(o.sample.mode.flies_mission)
         place.computing_w = seen.computing_w
         place.returns_home, place.rejoins_at_start = o.returns_home, o.rejoins_at_start
         if o.sample.wind_mps is not None:

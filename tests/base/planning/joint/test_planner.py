@@ -271,7 +271,7 @@ def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     assert last.reason.startswith(f"home: {SHORT}")
     assert last.time_s < end.time_s - 20
     assert RESERVE <= flight.outcome.soc_final < RESERVE + 0.06
-    assert all(record.home_reachable for record in flight.records[:-1])
+    assert all(record.home.home_reachable for record in flight.records[:-1])
 
 
 def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():

@@ -9,7 +9,7 @@ import pytest
 from common.forecasts import plan_inputs, survey_inputs
 from common.observations import measured
 
-from eadp.planning.base import Observation, Readings
+from eadp.planning.base import Mode, Observation, Readings
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.wind import MEASURED_WIND_S
 from eadp.simulation.loop import Outcome, fly
@@ -187,7 +187,7 @@ def test_a_leg_that_an_autopilot_leaves_for_another_path_is_not_learned_from():
     inputs, taken, *_ = survey_flight()
     observations = [
         each._replace(
-            sample=each.sample._replace(flies_mission=True),
+            sample=each.sample._replace(mode=Mode(flies_mission=True)),
             cursor=each.cursor._replace(waiting=(-float(each.stages_started), *each.cursor.waiting[1:])),
         )
         for each in taken
