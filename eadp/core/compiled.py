@@ -136,11 +136,3 @@ def _home() -> Path:
     own = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return home / "eadp" / sources_hash((Path(__file__).resolve().parents[1],))[:16]
-
-
-def kept() -> bool:
-    """Whether machine code of these sources is kept, from another process or this one."""
-    try:
-        return any(_home().rglob("*.nbi"))
-    except (OSError, RuntimeError):  # no home, or none that can be read
-        return False

@@ -161,7 +161,7 @@ class NominalFlight:
         A section that was flown before, on legs alike and in much the same wind, is not flown again.
         """
         starts = np.flatnonzero(tight.bends | tight.corners).tolist()
-        if not starts or route.cursor is None:
+        if not starts:
             return []
         rows, kept = _rows_alike(route), self._kept.setdefault(route.table, _KeptSections())
         numbered = enumerate(cursors(route.cursor))  # walked along once: sections are flown in order

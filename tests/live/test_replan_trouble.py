@@ -96,7 +96,7 @@ def survey_lines(laps, x_m=0.0):
         ox, oy = cursor.offset_m
         start = joined[0] - ox, joined[1] - oy
         length_m = abs(track.ahead_m(start))
-        points += [(x + ox, y + oy) for (x, y), _ in track.points(start, length_m, 1.0, round(length_m / 1.5))]
+        points += [(x + ox, y + oy) for x, y, _ in track.points(start, length_m, 1.0, round(length_m / 1.5))]
         joined, cursor = cursor.trigger_m(), cursor.next()
     flown = [(x + x_m, y) for x, y in points[::10]]
     return [

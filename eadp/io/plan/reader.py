@@ -600,7 +600,7 @@ class _Reader:
     def _structured(self, plan: Plan) -> Plan:
         """An explicit plan with the structure found in its stages."""
         found = find_structure(plan)
-        return plan if found is None else replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
+        return plan if found is None else replace(plan, primitive_stages=found[0], shift=found[1])
 
     def _compare_header(self, plan: Plan) -> None:
         """A warning where the shift on the first line is neither that of the stages nor its opposite."""

@@ -210,7 +210,7 @@ class FlightState:
         place.start(o)
         route = place.route
         if route is not None:
-            self._ground.start_leg(o.time_s, o.cursor, route.first.length_m)
+            self._ground.start_leg(o.time_s, o.cursor, route.legs[0].length_m)
             times_s, turning_s = route.times_s(o.cursor.airspeed_mps or cruise_mps, self.wind_mps)
             # mean tan² φ = ∫tan² φ dt / t
             slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
@@ -523,7 +523,7 @@ class _Place:
         step_s, self._located_s = time_s - self._located_s, time_s
         if self.route is None or step_s <= 0:
             return
-        leg = self.route.first
+        leg = self.route.legs[0]
         try:
             phi, gx, gy, *_ = leg.path(position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
         except (ArithmeticError, ValueError):

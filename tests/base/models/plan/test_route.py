@@ -25,11 +25,11 @@ from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
-from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
+from eadp.models.plan.cursor import LIVE, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import MARGIN_M, RoutePredictor, end_on
-from eadp.models.plan.stage import Leg, left_m, leg_points
+from eadp.models.plan.route import RoutePredictor, end_on
+from eadp.models.plan.stage import left_m, leg_points
 from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
@@ -367,49 +367,6 @@ def test_before_the_latch_means_that_the_next_leg_has_what_is_decided_now(make):
         follower.next_stage()
 
 
-# --- courses kept -----------------------------------------------------------------------------------------------------
-
-
-def test_what_is_left_of_a_plan_flown_once_is_that_of_the_route_before():
-    plan = covered()
-    follower, start = begun(plan, (plan.hull(0).lo,))
-    predictor, before = RoutePredictor(), None
-    changes = {4: plan.hull(0).hi, 9: plan.hull(0).lo}
-    for number in range(14):
-        for beside_m in (0.0, 3.0):  # a stage that is joined elsewhere
-            joined_m = start[0], start[1] + beside_m
-            found, fresh = predictor.route(follower.cursor, joined_m), RoutePredictor().route(follower.cursor, joined_m)
-            assert np.array_equal(of_legs(found.legs), of_legs(fresh.legs))
-            assert found.parameters == fresh.parameters
-            assert (found.cursor, found.ends, found.beyond_m) == (fresh.cursor, fresh.ends, fresh.beyond_m)
-            assert np.array_equal(found.runs, fresh.runs)
-            assert np.array_equal(found.scales, fresh.scales)
-        if before is not None and number not in changes:
-            assert found.legs[-1] is before.legs[-1], "laid out once"
-        before = found
-        follower.next_stage()
-        start = found.legs[0].end_m
-        if number + 1 in changes:
-            follower.decide((changes[number + 1],))
-
-
-@pytest.mark.parametrize("make", [survey, with_computations])
-def test_after_is_the_course_from_the_next_stage(make):
-    plan = make()
-    parameters = (-150.0, 10.0)
-    follower, _ = begun(plan, parameters)
-    for _ in range(6):
-        course = follower.route(parameters)
-        follower.next_stage()
-        after, fresh = course.after(), follower.route(parameters)
-        alike(after.legs, fresh.legs)
-        assert after.parameters == fresh.parameters
-        wind = (2.0, 5.0)
-        for one, other in zip(after.times_s(15.0, wind), fresh.times_s(15.0, wind), strict=True):
-            assert one == pytest.approx(other, rel=1e-9)
-        assert after.stages.tolist() == course.stages.tolist()[1:]
-
-
 # --- times ------------------------------------------------------------------------------------------------------------
 
 
@@ -603,31 +560,3 @@ def test_uncertain_ends_are_where_the_plan_ends_for_each_margin(c1):
         assert leg == there
         if margin_m <= 0:
             assert flown_m <= found.legs[-1].distance_m + 40
-
-
-class _EachLap(RoutePredictor):
-    """Lays every lap out on its own."""
-
-    def _lap(self, cursor, start):
-        return None
-
-
-@pytest.mark.parametrize("c1", [0.0, -311.7, -1000.0])
-@pytest.mark.parametrize(("passed", "now"), [(0, -500.0), (9, -1000.0)])
-def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
-    """Also from the middle of a lap, and of another c1 than the one decided."""
-    plan = survey()
-    cursor = PlanCursor.start(plan, (now, 10.0))
-    start = default_start(plan, (now, 10.0))[0]
-    for _ in range(passed):
-        start, cursor = cursor.trigger_m(), cursor.next()
-    cursor = cursor.decide((c1, 10.0))
-    found, expected = (predictor.route(cursor, start, MARGIN_M) for predictor in (RoutePredictor(), _EachLap()))
-    assert any(not isinstance(piece, Leg) for piece in found.pieces)
-    assert [leg._replace(track=None) for leg in found.legs] == [leg._replace(track=None) for leg in expected.legs]
-    assert found.stages.tolist() == expected.stages.tolist()
-    assert (found.parameters, found.ends) == (expected.parameters, expected.ends)
-    assert found.first == found.legs[0]
-    wind = (3.0, -4.0)
-    for ours, theirs in zip(found.times_s(15.0, wind), expected.times_s(15.0, wind), strict=True):
-        assert ours.tolist() == theirs.tolist()

@@ -101,8 +101,7 @@ def test_the_first_leg_counts_as_far_as_it_is_left_and_the_ratio_of_times_scales
     assert scaled.load.times_s == pytest.approx(1.07 * whole.load.times_s)
     # a quarter of the way round the first circle
     (x, y), (ox, oy) = leg.start_m, leg.offset_m
-    quarter = list(leg.track.points((x - ox, y - oy), leg.distance_m, 1.0, 4))
-    (px, py), _ = quarter[1] if len(quarter) > 4 else quarter[0]
+    px, py, _ = leg.track.points((x - ox, y - oy), leg.distance_m, 1.0, 4)[1]
     position, flown_s = (px + ox, py + oy), float(whole.load.times_s[0]) / 4
     forecasting.known = known._replace(time_s=flown_s, position_m=position)
     later = forecasting.evaluator.evaluate(forecasting.known, whole.routes)
@@ -315,16 +314,21 @@ def test_an_end_that_was_passed_long_ago_is_none():
     (route,) = found.routes
     assert found.ends[0].probabilities
     (end,) = route.ends
-    rest = route
-    for _ in range(end.leg):
-        rest = rest.after()
-    leg, speed = rest.first, forecasting.mission.cruise_mps
+    first, run = end.leg, int(route.runs[end.leg])
+    rest = replace(
+        route,
+        order=route.order[first:],
+        ends=(end._replace(leg=0),),
+        legs=route.legs[first:],
+        runs=route.runs[first:] - run,
+        scales=route.scales[run:],
+    )
+    leg, speed = rest.legs[0], forecasting.mission.cruise_mps
     known = forecasting.known._replace(joined_m=leg.start_m, since_s=0.0)
 
     def share_after(flown_m):
         (sx, sy), (ox, oy) = leg.start_m, leg.offset_m
-        points = list(leg.track.points((sx - ox, sy - oy), flown_m, flown_m / leg.length_m, 1))
-        (x, y), _ = points[-1]
+        x, y, _ = leg.track.points((sx - ox, sy - oy), flown_m, flown_m / leg.length_m, 1)[-1]
         at = known._replace(position_m=(x + ox, y + oy), time_s=flown_m / speed)
         return forecasting.evaluator.evaluate(at, [rest]).ends[0].probabilities
 
