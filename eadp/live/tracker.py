@@ -18,7 +18,7 @@ from eadp.live.locator import (
     line_between,
     time_std_s,
 )
-from eadp.models.plan.cursor import Vector
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.planning.base import Mission, Observation, Sample
@@ -96,7 +96,7 @@ class PlanTracker:
 
     def __init__(self, mission: Mission, start_m: Point, time_s: float, messages: Messages) -> None:
         self._mission, self._messages = mission, messages
-        self.executor = PlanExecutor(mission.plan, mission.parameters, start_m, mission.rules)
+        self.executor = PlanExecutor(PlanCursor.start(mission.plan, mission.parameters, mission.rules), start_m)
         self.stage_started_s = time_s
         self.applied = AppliedParameters(mission.parameters, mission.plan)
         self.located: tuple[float, Point] = (time_s, start_m)

@@ -197,7 +197,7 @@ class NominalFlight:
         # the course at the end of the leg before; of the route's first leg, the course at its start
         courses_rad = route.table.rows.courses_rad
         course = courses_rad[route.order[first - 1], 1] if first else courses_rad[route.order[0], 0]
-        executor = PlanExecutor.at(cursor, leg.start_m)
+        executor = PlanExecutor(cursor, leg.start_m)
         loop = self._loop(leg, float(course), wind_mps)
         k = 0  # the last step flown
         of_legs: list[tuple[float, float, float]] = []  # time, turning and distance off, see `FlownPart`

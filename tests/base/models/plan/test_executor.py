@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
-from eadp.models.plan.cursor import LATCHED, LIVE, Rules, reaches, shift_at
+from eadp.models.plan.cursor import LATCHED, LIVE, PlanCursor, Rules, reaches, shift_at
 from eadp.models.plan.executor import (
     FIRED,
     PASS_P,
@@ -38,7 +38,7 @@ PUBLISHED = Rules(LIVE, box_triggers=True)
 
 
 def begun(plan, parameters=(), position=None, rules=FLOWN) -> PlanExecutor:
-    return PlanExecutor(plan, parameters, position or default_start(plan, parameters)[0], rules)
+    return PlanExecutor(PlanCursor.start(plan, parameters, rules), position or default_start(plan, parameters)[0])
 
 
 def polyline(*corners, step_m=STEP_M):
@@ -610,7 +610,7 @@ def test_a_circle_that_is_moved_under_the_aircraft_is_passed_where_it_is_tested_
     fired = []
     for always in (False, True):
         rng, c1 = np.random.default_rng(seed), 0.0
-        executor = PlanExecutor(plan_of(MOVED_CIRCLE), (0.0,), (50.0, 0.0), Rules(LIVE))
+        executor = PlanExecutor(PlanCursor.start(plan_of(MOVED_CIRCLE), (0.0,), Rules(LIVE)), (50.0, 0.0))
         at, k = complex(50.0, 0.0), 0
         while k < 3000:
             k += 1

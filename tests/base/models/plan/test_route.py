@@ -25,7 +25,7 @@ from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
-from eadp.models.plan.cursor import LIVE, Rules
+from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import RoutePredictor, end_on
@@ -233,7 +233,7 @@ def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN):
 
     Returns the stages flown, and the route that is left at the start of each.
     """
-    itinerary, predictor = PlanExecutor(plan, parameters, start, rules), RoutePredictor()
+    itinerary, predictor = PlanExecutor(PlanCursor.start(plan, parameters, rules), start), RoutePredictor()
     decided, begin = tuple(parameters), start
     flights, forecasts = [], []
     for k in range(500):
@@ -302,7 +302,7 @@ def test_every_stage_tells_the_rest(make, first, stages, seed):
 def test_a_decision_where_sets_differ_between_stages():
     plan = nearly_a_point(plan_of(BOXES_DIFFER))
     start = (0.0, 0.0)
-    itinerary, predictor = PlanExecutor(plan, (20.0,), start, FLOWN), RoutePredictor()
+    itinerary, predictor = PlanExecutor(PlanCursor.start(plan, (20.0,), FLOWN), start), RoutePredictor()
     begin, course = start, predictor.route(itinerary.cursor, start)
     for k in range(6):
         for point, _ in way(itinerary, begin):
