@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import itertools
 import math
 import random
 from collections.abc import Iterator
@@ -20,7 +19,7 @@ from common.routes import Tracked
 from scipy.integrate import quad
 
 from eadp.cli.main import main
-from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
+from eadp.core.geometry.curves import CIRCLE, LINE
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
@@ -200,32 +199,15 @@ class Flown:
 
 def way(itinerary: PlanExecutor, begin) -> Iterator[tuple[tuple[float, float], float]]:
     """Points along a stage as it lies, from where it is joined to its trigger, and how far along it they are."""
-    (ox, oy), (tx, ty), stage = itinerary.cursor.offset_m, itinerary.trigger_m, itinerary.stage
-    local, end = (begin[0] - ox, begin[1] - oy), (tx - ox, ty - oy)
-    if stage.kind == LINE:
-        line = line_of(itinerary.path, local, stage.sense)
-        (px, py), (dx, dy), length = line.point_m, line.direction, line.progress_m(end)
-        count = max(1, math.ceil(length / STEP_M))
-        for along in (length * k / count for k in range(1, count)):
-            yield (px + along * dx + ox, py + along * dy + oy), along
-    elif stage.kind == CIRCLE:
-        circle = circle_of(itinerary.path, end, stage.sense)
-        first, sweep = circle.angle_rad(local), circle.sweep_rad(local, end)
-        length = sweep * circle.radius_m
-        count = max(4, math.ceil(length / STEP_M))
-        for share in (k / count for k in range(1, count)):
-            x, y = circle.point_at(first + circle.turn * sweep * share)
-            yield (x + ox, y + oy), length * share
-    else:
-        length, last = 0.0, local
-        for x, y in itertools.islice(points_along(itinerary.path, local, stage.sense, 0.2), 1, 4000):
-            length += math.dist(last, (x, y))
-            last = (x, y)
-            if math.dist(last, end) < 0.3:
-                break
-            yield (x + ox, y + oy), length
-        length += math.dist(last, end)
-    yield (tx, ty), length
+    offset, trigger = np.array(itinerary.cursor.offset_m), itinerary.trigger_m
+    track = itinerary.stage.track(itinerary.path, tuple(trigger - offset))
+    local = tuple(begin - offset)
+    length = float(track.ahead_m(local))
+    count = max(1, math.ceil(length / STEP_M))
+    points = track.points(local, length, 1.0, count)[1:-1, :2] + offset
+    for k, point in enumerate(points.tolist(), 1):
+        yield tuple(point), length * k / count
+    yield trigger, length
 
 
 def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN):
