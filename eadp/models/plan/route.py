@@ -321,8 +321,7 @@ class Route:
     @cached_property
     def of_legs(self) -> tuple[Stage, ...]:
         """The stage of each leg."""
-        stages = self.table.stages
-        return tuple([stages[row] for row in self.order.tolist()])
+        return tuple([leg.stage for leg in self.legs])
 
     @cached_property
     def parameters(self) -> tuple[Vector, ...]:
