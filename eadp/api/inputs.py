@@ -27,7 +27,6 @@ from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import Computing, join_profile, load_configuration, may_compute
-from eadp.models.doubts import aircraft_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
@@ -238,7 +237,6 @@ def load_flight(
     if world.way_home is not None:
         world = replace(world, way_home=world.way_home.flown_by(mission.autopilot))
     _check_planner(setting, mission)
-    warnings += _doubts(setting, world)
     stated_m, home_m = setting.keys.home.altitude_m, world.way_home and world.way_home.altitude_m
     if stated_m is not None and home_m is not None and home_m > stated_m:
         message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
@@ -541,18 +539,6 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
         )
     if found := planner_class(name).faults(scenario.planner, mission):
         raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
-
-
-def _doubts(scenario: Scenario, world: World) -> list[Fault]:
-    """Warnings about settings that may mean something else."""
-    keys, plan = scenario.keys, world.plan
-    first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
-    found = [
-        *aircraft_doubts(keys.vehicle.airframe, keys.battery),
-        *position_doubts("start", keys.start.position_m, first_m, origin_deg),
-        *position_doubts("home", keys.home.position_m, first_m, origin_deg),
-    ]
-    return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 
 
 @lru_cache(KEPT_ROUTES)

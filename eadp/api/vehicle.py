@@ -11,7 +11,7 @@ from eadp.errors import Fault
 from eadp.io.profile import model_file
 from eadp.io.text.streams import read_text
 from eadp.io.text.yaml import keys_document
-from eadp.io.vehicle import SCHEMA, VehicleFile, vehicle_of, vehicle_warnings
+from eadp.io.vehicle import SCHEMA, VehicleFile, vehicle_of
 from eadp.models.performance import Performance, performance
 from eadp.models.profile import Profile
 
@@ -57,7 +57,6 @@ def vehicle(
     *,
     computing_w: float = 0.0,
     reserve_soc: float = 0.05,
-    warn: Warn = python_warnings,
 ) -> tuple[VehicleFile, Performance]:
     """What an aircraft can do: stall, best speeds, level power, turning radius, endurance and range in wind.
 
@@ -71,7 +70,6 @@ def vehicle(
         Power of the computations, beside the motion's [W].
     reserve_soc : float
         State of charge to keep.
-    warn : function, optional
 
     Returns
     -------
@@ -85,7 +83,6 @@ def vehicle(
     """
     keys = keys_document(read_text(str(file)), SCHEMA)
     found = vehicle_of(keys)
-    warn(vehicle_warnings(keys, found))
     return found, performance(
         found.airframe, found.battery, winds_mps, computing_w=computing_w, reserve_soc=reserve_soc
     )

@@ -1,7 +1,7 @@
 """Geometric validity of a plan over the whole range of its path parameters.
 
-For each stage, over the sets of every path parameter (their ends, a grid inside, and the worst point found from there):
-its trigger lies on its path and on the next one, the direction of travel agrees there, its radius is at least the
+For each stage, over the sets of every path parameter (their ends, and a grid inside; of more than two, a sample): its
+trigger lies on its path and on the next one, the direction of travel agrees there, its radius is at least the
 aircraft's, the trigger lies ahead of where the stage is joined, the path exists and is smooth. And, for each stage, a
 parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of
 segments, whose stages depend on the parameters of earlier laps, is checked along whole flights instead. Where `proof`
@@ -28,7 +28,7 @@ from eadp.errors import PathUndefined, printable
 from eadp.models.airspace import BOUNDARY, entered
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
 from eadp.models.plan.plan import CheckReport, Finding, Plan
-from eadp.models.plan.stage import COMPUTATION, Box, Stage
+from eadp.models.plan.stage import Box, Stage
 from eadp.models.plan.trace import nominal_legs
 
 T = TypeVar("T")
@@ -39,11 +39,9 @@ DIRECTION_WARNING_DEG = 0.1
 DIRECTION_ERROR_DEG = 45.0
 RADIUS_TOLERANCE_M = 1e-6
 
-GRID = {1: 17, 2: 9}
+GRID = {1: 65, 2: 9}
 RANDOM_SAMPLES = 200
 CORNERS_LIMIT = 256
-REFINEMENTS = 40
-TRIALS_LIMIT = 2000
 CHANGING_FLIGHTS = 24
 
 
@@ -107,11 +105,11 @@ def _numbered(stages: Sequence[int]) -> str:
 
 @dataclass
 class _Measures:
-    """What is measured of a stage at given parameters, between the stages before and after; NaN: does not apply."""
+    """What is measured of a stage at given parameters, between the stages before and after; infinite: not at all."""
 
-    own_m: float = math.nan
-    next_m: float = math.nan
-    turn_deg: float = math.nan
+    own_m: float = -math.inf
+    next_m: float = -math.inf
+    turn_deg: float = -math.inf
     radius_m: float = math.inf
     ahead_m: float = math.inf
     trouble: str = ""
@@ -144,7 +142,10 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequenc
     if plan.segments:
         sampled = _measured_flights(plan)
     else:
-        sampled = [(stage, _measured(plan, stage, least)) for stage in plan.stages]
+        sampled = [
+            (stage, [(point, _measure(plan, stage, point)) for point in _points(_boxes(plan, stage))])
+            for stage in plan.stages
+        ]
     troubled = any(measures.trouble for _, measured in sampled for _, measures in measured)
     for stage, measured in sampled:
         if troubled and not measured:  # no flight came so far
@@ -153,8 +154,6 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequenc
         proof = proofs[stage.index - 1] if proofs else StageProof()
         findings += _stage_findings(plan, stage, measured, least, proof)
         witness.append(_leads_on(plan.radius_m(stage), measured))
-    findings += _sets_findings(plan)
-    findings += _corners_findings(plan)
     findings += _airspace_findings(plan)
     return GeometryReport(tuple(findings), tuple(witness), tuple(proofs))
 
@@ -216,76 +215,6 @@ def _points(boxes: Sequence[Box]) -> list[Vector]:
             point[i] = boxes[i].lo + value * (boxes[i].hi - boxes[i].lo)
         points.append(tuple(point))
     return list(dict.fromkeys(points))
-
-
-def _samples_corners(boxes: Sequence[Box]) -> bool:
-    """Whether there are more corners than are looked at."""
-    count = sum(not box.fixed for box in boxes)
-    return 1 << count > CORNERS_LIMIT
-
-
-def _measured(plan: Plan, stage: Stage, least: float | None) -> list[tuple[Vector, _Measures]]:
-    """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius.
-
-    What is nowhere near its threshold on the grid, or worst at a corner while all corners are measured, is not searched
-    further.
-    """
-    boxes = _boxes(plan, stage)
-    measured = [(point, _measure(plan, stage, point)) for point in _points(boxes)]
-    sampled = _samples_corners(boxes)
-
-    def is_corner(point: Vector) -> bool:
-        return all(value in (box.lo, box.hi) for value, box in zip(point, boxes, strict=True))
-
-    searched: list[tuple[Callable[[_Measures], float], float]] = [
-        (lambda m: m.own_m, POSITION_WARNING_M / 10),
-        (lambda m: m.next_m, POSITION_WARNING_M / 10),
-        (lambda m: m.turn_deg, DIRECTION_WARNING_DEG / 10),
-        (lambda m: -m.radius_m, math.inf if least is None else -2 * least),
-        (lambda m: -m.ahead_m, -2 * plan.radius_m(stage)),
-    ]
-    for badness, small in searched:
-        start = max(measured, key=lambda item: _finite(badness(item[1])))
-        if (sampled or not is_corner(start[0])) and _finite(badness(start[1])) > small:
-            measured.append(_refined(plan, stage, boxes, start, badness))
-    return measured
-
-
-def _finite(value: float) -> float:
-    return value if math.isfinite(value) else -math.inf
-
-
-def _refined(
-    plan: Plan,
-    stage: Stage,
-    boxes: Sequence[Box],
-    start: tuple[Vector, _Measures],
-    badness: Callable[[_Measures], float],
-) -> tuple[Vector, _Measures]:
-    """Climb from a grid point to a worse one near it, one parameter after the other, by a shrinking step.
-
-    Where corners are sampled the first step goes from one end of a set to the other.
-    """
-    point, best = start
-    free = [(i, box) for i, box in enumerate(boxes) if not box.fixed]
-    step = [(box.hi - box.lo) / (1 if _samples_corners(boxes) else 16) for box in boxes]
-    trials = 0
-    for _ in range(REFINEMENTS):
-        moved = False
-        for i, box in free:
-            for sign in (-1, 1):
-                trial = (*point[:i], box.clip(point[i] + sign * step[i]), *point[i + 1 :])
-                if trial == point or trials >= TRIALS_LIMIT:
-                    continue
-                trials += 1
-                measures = _measure(plan, stage, trial)
-                if _finite(badness(measures)) > badness(best):
-                    point, best, moved = trial, measures, True
-        if not moved:
-            step = [size / 2 for size in step]
-            if max(step) < 1e-8 * max((box.hi - box.lo for box in boxes), default=1.0):
-                break
-    return point, best
 
 
 # --- what is measured -------------------------------------------------------------------------------------------------
@@ -415,6 +344,9 @@ def _stage_findings(
     plan: Plan, stage: Stage, measured: list[tuple[Vector, _Measures]], least: float | None, proof: StageProof
 ) -> Iterator[Finding]:
     limit = plan.radius_m(stage)
+    if stage.gain == 0:
+        message = f"stage {stage.index} has a gain of 0: nothing leads back to its path"
+        yield Finding(WARNING, stage.index, stage.line, "no-gain", message)
     if not measured:
         message = f"stage {stage.index} is never flown: its laps are over before they start"
         yield Finding(WARNING, stage.index, stage.line, "never-flown", message, proven=False)
@@ -434,7 +366,7 @@ def _stage_findings(
         ("trigger-off-path", "its path", "own_m", proof.own),
         ("trigger-off-next", "the path of the next stage", "next_m", proof.next),
     ):
-        parameters, measures = max(fine, key=lambda item: _finite(getattr(item[1], name)))
+        parameters, measures = max(fine, key=lambda item: getattr(item[1], name))
         gap = getattr(measures, name)
         if gap > POSITION_WARNING_M:
             severity = ERROR if gap > limit else WARNING
@@ -444,7 +376,7 @@ def _stage_findings(
             where = f", where φ = {printable(formula)}" if formula else ""
             message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{where}{right}"
             yield finding(severity, code, message, parameters, formula or "")
-    parameters, measures = max(fine, key=lambda item: _finite(item[1].turn_deg))
+    parameters, measures = max(fine, key=lambda item: item[1].turn_deg)
     if measures.turn_deg > DIRECTION_WARNING_DEG and measures.after is not None:
         severity = ERROR if measures.turn_deg > DIRECTION_ERROR_DEG else WARNING
         here, there = measures.headings_deg
@@ -510,40 +442,12 @@ def _leads_on(limit: float, measured: list[tuple[Vector, _Measures]]) -> Vector 
     return min(good, key=rank)[0] if good else None
 
 
-def _sets_findings(plan: Plan) -> Iterator[Finding]:
-    """Sets are sane: computations are whole numbers, and a set of one value is no choice."""
-    for stage in plan.stages:
-        for parameter, box in zip(plan.parameters, stage.sets, strict=False):
-            if parameter.kind == COMPUTATION and (box.lo != int(box.lo) or box.hi != int(box.hi)):
-                message = (
-                    f"the set of {parameter.name} in stage {stage.index} is not of whole numbers: it is taken in whole "
-                    f"steps from {box.lo:g}, unless the profile was measured otherwise"
-                )
-                yield Finding(WARNING, stage.index, stage.line, "set-not-whole", message)
-        if stage.gain == 0:
-            message = f"stage {stage.index} has a gain of 0: nothing leads back to its path"
-            yield Finding(WARNING, stage.index, stage.line, "no-gain", message)
-
-
 def _or_none(function: Callable[..., T], *arguments: Any) -> T | None:
     """A function's value, or None where a path is undefined."""
     try:
         return function(*arguments)
     except PathUndefined:
         return None
-
-
-def _corners_findings(plan: Plan) -> Iterator[Finding]:
-    """Which stages have more corners of their sets than are checked."""
-    hulls = [[plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []] if plan.segments else []
-    boxes = hulls or [_boxes(plan, stage) for stage in plan.stages]
-    count = max(sum(not box.fixed for box in own) for own in boxes)
-    if any(map(_samples_corners, boxes)):
-        message = (
-            f"up to {count} path parameters have 2^{count} combinations of ends of their sets: {CORNERS_LIMIT} of them "
-            f"are checked, drawn with a fixed seed, and the worst found is reported"
-        )
-        yield Finding(WARNING, None, plan.stages[0].line, "corners-sampled", message)
 
 
 def _airspace_findings(plan: Plan) -> Iterator[Finding]:

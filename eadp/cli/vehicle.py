@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument
 
-from eadp.cli.output import emit, emit_json, usage_fault, warn
+from eadp.cli.output import emit, emit_json, usage_fault
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
 from eadp.models.data_sheet import estimate
@@ -58,7 +58,7 @@ def command(
     if not 0 <= reserve < 1:
         raise usage_fault("--reserve", f"{reserve:g}", "no share of the charge", "0 or more, below 1")
     winds = _winds(options.wind)
-    vehicle, found = use_case.vehicle(file, winds, computing_w=computing, reserve_soc=reserve, warn=warn)
+    vehicle, found = use_case.vehicle(file, winds, computing_w=computing, reserve_soc=reserve)
     if options.plot:
         from eadp.io.figures.profile import write_vehicle_figure
 

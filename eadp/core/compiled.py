@@ -29,26 +29,17 @@ _registered: set[Callable[..., Any]] = set()
 MEMORY_BYTES = 1 << 30
 """Least address space: the compiler ends a process that has no memory left."""
 
-NOT_INSTALLED = "numba is not installed"
-
 
 @cache
-def why_off() -> str | None:
-    """Why nothing can be compiled; None where it can. Imports numba."""
-    if importlib.util.find_spec("numba") is None:
-        return NOT_INSTALLED
-    if _address_space() < MEMORY_BYTES:
-        return f"this process may use {_address_space() / (1 << 20):.0f} MB of memory, and numba needs 1024"
-    try:
-        importlib.import_module("numba")
-    except Exception as error:  # for example built for another numpy: numba is optional
-        return f"numba cannot be imported: {type(error).__name__}: {error}"
-    return None
-
-
 def available() -> bool:
     """Whether functions can be compiled; imports numba."""
-    return why_off() is None
+    if importlib.util.find_spec("numba") is None or _address_space() < MEMORY_BYTES:
+        return False
+    try:
+        importlib.import_module("numba")
+    except Exception:  # for example built for another numpy: numba is optional
+        return False
+    return True
 
 
 def _address_space() -> float:
@@ -136,11 +127,3 @@ def _home() -> Path:
     own = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return home / "eadp" / sources_hash((Path(__file__).resolve().parents[1],))[:16]
-
-
-def kept() -> bool:
-    """Whether machine code of these sources is kept, from another process or this one."""
-    try:
-        return any(_home().rglob("*.nbi"))
-    except (OSError, RuntimeError):  # no home, or none that can be read
-        return False

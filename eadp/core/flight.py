@@ -379,9 +379,3 @@ def replayed_soc(trace: Sequence[float], time_s: float) -> float:
     if 2 * low == len(trace):
         return b0
     return b0 + (trace[2 * low + 1] - b0) * (time_s - t0) / (trace[2 * low] - t0)
-
-
-def undeliverable(power_w: float, voltage_v: float, resistance_ohm: float) -> str:
-    """Message for a power beyond V²/(4R)."""
-    max_w = voltage_v**2 / (4 * resistance_ohm)
-    return f"{power_w:.1f} W exceeds the {max_w:.1f} W that {voltage_v:g} V through {resistance_ohm:g} Ω can deliver"

@@ -12,7 +12,6 @@ from eadp.io.text.streams import Text
 from eadp.io.text.yaml import STRICT, Document, Path, keys_document, validated, validated_at, without_nulls
 from eadp.models.battery import Battery
 from eadp.models.data_sheet import DataSheet, estimate
-from eadp.models.doubts import aircraft_doubts
 from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing, airframe_class
 
 SCHEMA = "eadp.vehicle/1"
@@ -135,15 +134,6 @@ def _with_sheet(document: Document, vehicle: Any, at: Path) -> Any:
     stated = without_nulls(asdict(sheet))
     airframe = {**found.keys, "power_std_share": found.power_std_at(speed), **given}
     return {**keys, "data_sheet": stated, "airframe": airframe}
-
-
-def vehicle_warnings(document: Document, vehicle: VehicleFile) -> list[Fault]:
-    """Warnings about values of a vehicle's document that may mean something else."""
-    doubts = aircraft_doubts(vehicle.airframe, vehicle.battery)
-    return [
-        replace(document.fault(tuple(key.removeprefix("vehicle.").split(".")), *what), severity="warning")
-        for key, *what in doubts
-    ]
 
 
 BESIDE: dict[str, tuple[tuple[str, str], ...]] = {

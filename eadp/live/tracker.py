@@ -18,7 +18,7 @@ from eadp.live.locator import (
     line_between,
     time_std_s,
 )
-from eadp.models.plan.cursor import Vector
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.plan.stage import Box
@@ -110,7 +110,7 @@ class PlanTracker:
         if reported and plan.has_sets:
             known = self._clipped(reported, [plan.hull(i) for i in range(len(parameters))])
             parameters = tuple([known.get(i, value) for i, value in enumerate(parameters)])
-        self.executor = PlanExecutor(plan, parameters, start_m, mission.rules)
+        self.executor = PlanExecutor(PlanCursor.start(plan, parameters, mission.rules), start_m)
         self.stage_started_s = time_s
         self.applied = AppliedParameters(parameters, plan)
         self.located: tuple[float, Point] = (time_s, start_m)

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
 from eadp.core.arrays import Efficiency, Seconds, Share
-from eadp.core.flight import drain_per_s, interpolated, max_power_w, replayed_soc, undeliverable
+from eadp.core.flight import drain_per_s, interpolated, max_power_w, replayed_soc
 from eadp.errors import EadpError, printable
 from eadp.plug_ins import plug_in
 
@@ -245,12 +245,9 @@ class Battery:
 
     def undeliverable(self, power_w: float, soc: float) -> str:
         """Message for a power [W] above what it delivers at a state of charge, the letter's limit aside."""
-        volts, limit = self.voltage_at(soc), self.limit_at(self.voltage_at(soc))
-        if limit == DELIVERABLE:
-            return undeliverable(power_w, volts, self.resistance_ohm)
-        bound = f"{self.max_current_a:g} A" if limit == CURRENT else f"{self.cutoff_voltage_v:g} V under load"
-        most = f"the {float(self.max_power_w(volts)):.1f} W that {LIMITS[limit]} ({bound}) allows at {volts:.4g} V"
-        return f"{power_w:.1f} W exceeds {most}"
+        volts = self.voltage_at(soc)
+        max_w, limit = float(self.max_power_w(volts)), LIMITS[self.limit_at(volts)]
+        return f"{power_w:.1f} W exceeds the {max_w:.1f} W that {limit} allows at {volts:.4g} V"
 
     @property
     def power_per_soc_w(self) -> float:

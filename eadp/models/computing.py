@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 from eadp.errors import EadpError, Infeasible
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.profile import Profile
-
-KEPT_POWERS = 1000
-"""Powers kept: a flight asks for the same ones at each stage."""
 
 
 @dataclass(frozen=True)
@@ -37,20 +33,6 @@ class Computing:
         Infeasible
             If the configuration lies outside what was measured.
         """
-        key: tuple[float | Box, ...] = (*parameters, *sets)
-        power_w = self._powers_w.get(key)
-        if power_w is None:
-            if len(self._powers_w) >= KEPT_POWERS:
-                self._powers_w.clear()
-            power_w = self._powers_w[key] = self._power_w(parameters, sets)
-        return power_w
-
-    @cached_property
-    def _powers_w(self) -> dict[tuple[float | Box, ...], float]:
-        """Powers known."""
-        return {}
-
-    def _power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:
         values = parameters[self.path_count :]
         if not values or self.profile is None or all(box.inhibited for box in sets[self.path_count :]):
             return self.load_w

@@ -120,8 +120,8 @@ class WindPerformance:
 
 
 @dataclass(frozen=True)
-class CruisePerformance:
-    """An aircraft at the airspeed that it holds; None where its model has no such limit.
+class Performance:
+    """An aircraft's performance: as it flies, at its best speeds, and in winds; None where its model has no such limit.
 
     Attributes
     ----------
@@ -131,22 +131,6 @@ class CruisePerformance:
         Turning radius at the greatest bank, without wind [m].
     stall_mps, stall_in_turn_mps : float or None
         Airspeed at which the wing stalls, straight and at the greatest bank [m/s].
-    """
-
-    airspeed_mps: float
-    level_power_w: float
-    bank_power_w: float
-    turn_radius_m: float
-    stall_mps: float | None
-    stall_in_turn_mps: float | None
-
-
-@dataclass(frozen=True)
-class Performance(CruisePerformance):
-    """An aircraft's performance: as it flies, at its best speeds, and in winds; None where its model has no such limit.
-
-    Attributes
-    ----------
     endurance_mps, endurance_w : float
         Airspeed of least power [m/s], and the power [W].
     range_mps, range_w : float
@@ -160,6 +144,12 @@ class Performance(CruisePerformance):
         What the aircraft cannot do, and would have to.
     """
 
+    airspeed_mps: float
+    level_power_w: float
+    bank_power_w: float
+    turn_radius_m: float
+    stall_mps: float | None
+    stall_in_turn_mps: float | None
     endurance_mps: float
     endurance_w: float
     range_mps: float
@@ -230,7 +220,9 @@ def performance(
         winds.append(WindPerformance(wind, flown(airframe.airspeed_mps, wind), flown(slow, wind), best, each))
     wing = airframe if isinstance(airframe, FixedWing) else None
     climb_mps = None
-    faults = [*airframe.faults(), *_battery_faults(airframe, battery, computing_w)]
+    faults, watts = airframe.faults(), power_w(airframe.airspeed_mps)
+    if watts > float(battery.max_power_w(battery.voltage_v)):
+        faults.append(f"level flight: {battery.undeliverable(watts, 1.0)}")
     if wing is not None:
         # ḣ = (P_max − P) η / W
         climb_mps = (wing.max_motion_w - wing.cruise_power_w) * wing.propulsive_efficiency / wing.weight_n
@@ -254,12 +246,6 @@ def performance(
         winds=tuple(winds),
         faults=tuple(faults),
     )
-
-
-def _battery_faults(airframe: Airframe, battery: Battery, computing_w: float) -> list[str]:
-    watts = airframe.cruise_power_w + computing_w
-    able = watts <= float(battery.max_power_w(battery.voltage_v))
-    return [] if able else [f"level flight: {battery.undeliverable(watts, 1.0)}"]
 
 
 def _argmin(cost: Callable[[float], float], low: float, high: float) -> float:

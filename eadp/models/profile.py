@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -37,14 +36,6 @@ def titles(names: Sequence[str], units: Sequence[str]) -> list[str]:
 def shortest(value: float) -> float | int:
     """A number as people write it: a whole one without its point."""
     return int(value) if float(value).is_integer() and abs(value) < 1e15 else value
-
-
-@dataclass(frozen=True)
-class ProfileFinding:
-    """A warning about the measurements; `point` is the index of its configuration."""
-
-    point: int
-    message: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,41 +218,6 @@ class Profile:
             name = self.names[index]
             raise Infeasible(f"{name} from {lo:g} to {hi:g} has more than {LEVELS_LIMIT:,} whole steps")
         return tuple(float(min(lo + k, hi)) for k in range(math.floor(hi - lo + WHOLE) + 1))
-
-    def findings(self) -> tuple[ProfileFinding, ...]:
-        """Power that is not monotone in a parameter, the others held, at its first turning point; kept as measured."""
-        return tuple(filter(None, (self._first_turn(axis) for axis in range(len(self.names)))))
-
-    def _first_turn(self, axis: int) -> ProfileFinding | None:
-        """The first line of configurations along one parameter in which power turns."""
-        lines: dict[tuple[float, ...], list[int]] = defaultdict(list)
-        for point, configuration in enumerate(self.configurations.tolist()):
-            lines[(*configuration[:axis], *configuration[axis + 1 :])].append(point)
-        for others, points in lines.items():
-            turn, rising = _turn_of(self.power_w[points])
-            if turn:
-                return self._turn_finding(axis, others, points[turn], rising)
-        return None
-
-    def _turn_finding(self, axis: int, others: tuple[float, ...], point: int, rising: bool) -> ProfileFinding:
-        name, value, turn_w = self.names[axis], self.configurations[point, axis], self.power_w[point]
-        rest = [other for other in self.names if other != name]
-        held = ", ".join(f"{other}={at:g}" for other, at in zip(rest, others, strict=True))
-        where = f" at {held}" if held else ""
-        first, then = ("rises", "falls") if rising else ("falls", "rises")
-        what = f"it {first} to {turn_w:g} W at {name}={value:g} and {then} after it"
-        return ProfileFinding(point, f"power is not monotone in {name}{where}: {what}; kept as measured")
-
-
-def _turn_of(values: FloatArray) -> tuple[int, bool]:
-    """Where a sequence first turns, and whether it rose before; index 0 if it never turns.
-
-    The index is that of the last value before the turn shows: of equal values at the top, the last.
-    """
-    steps = np.sign(np.diff(values))
-    changes = np.flatnonzero(steps)
-    turns = changes[1:][np.diff(steps[changes]) != 0]
-    return (int(turns[0]), bool(steps[turns[0]] < 0)) if len(turns) else (0, False)
 
 
 def _whole_steps(start: float, values: Sequence[float]) -> bool:

@@ -16,7 +16,7 @@ from eadp.core.geometry.dubins import Pose
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.airspace import Entry
 from eadp.models.battery import CUT_OFF
-from eadp.models.plan.cursor import Rules, Vector
+from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.world import Step, World
 from eadp.planning.base import Decision, DecisionRecord, Observation, Readings, Sample
@@ -91,7 +91,8 @@ class _Flight:
 
     def __init__(self, world: World, flight: PlannedFlight, outcome: Outcome) -> None:
         self._world, self._outcome = world, outcome
-        self._executor = executor = PlanExecutor(world.plan, world.parameters, world.start.position_m, world.rules)
+        cursor = PlanCursor.start(world.plan, world.parameters, world.rules)
+        self._executor = executor = PlanExecutor(cursor, world.start.position_m)
         self._inner_loop = InnerLoop(
             state_of(world.vehicle, world.wind.steady_mps, *world.start),
             constants_of(world.vehicle, world.guidance, world.wind, world.clock.step_s),
@@ -285,7 +286,7 @@ def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecut
     assert world.way_home is not None
     plan = home_plan(executor.cursor, pose, world.way_home)
     lowest = tuple(box.lo for box in plan.stages[0].sets)
-    return PlanExecutor(plan, lowest, pose[:2], Rules(box_triggers=world.rules.box_triggers))
+    return PlanExecutor(PlanCursor.start(plan, lowest, Rules(box_triggers=world.rules.box_triggers)), pose[:2])
 
 
 class _PlannerBridge:

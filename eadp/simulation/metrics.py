@@ -170,7 +170,7 @@ class ParameterLog:
         legs = RouteArrays.of([route])
         times_s = np.zeros(len(route.order))
         if self._short_of is not None:
-            (position, airspeed_mps), leg = self._short_of, route.first
+            (position, airspeed_mps), leg = self._short_of, route.legs[0]
             times_s, _ = route.times_s(airspeed_mps, (0.0, 0.0))
             along_m = min(leg.distance_m, (ended_s - since_s) * airspeed_mps)
             # of the leg that the flight is on, the share left

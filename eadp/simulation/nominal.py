@@ -57,10 +57,10 @@ def overshoots(
     A time is infinite where the aircraft never gets past a stage.
     """
     radius_m, speed_mps = airframe.turn_radius_m, airframe.airspeed_mps
-    if route.cursor is None or follows(route, radius_m, speed_mps, math.hypot(*wind_mps)):
+    if follows(route, radius_m, speed_mps, math.hypot(*wind_mps)):
         return {}
     found = dict[int, Overshoot]()
-    executor = PlanExecutor.at(route.cursor, route.first.start_m)
+    executor = PlanExecutor(route.cursor, route.legs[0].start_m)
     loop = _loop(route, airframe, guidance, wind_mps)
     k, began_j, check = 0, 0.0, round(CHECK_S / STEP_S)
     times = (array.tolist() for array in route.times_s(speed_mps, wind_mps))
@@ -91,7 +91,7 @@ def overshoots(
 def _loop(route: Route, airframe: FixedWing | PowerCurve, guidance: Guidance, wind_mps: Point) -> InnerLoop:
     """A simulated aircraft at the start of a route, on its course, in level flight and a steady wind [m/s]."""
     wind = Wind(math.hypot(*wind_mps), towards_deg=math.degrees(math.atan2(wind_mps[1], wind_mps[0])))
-    leg, course = route.first, float(route.table.rows.courses_rad[route.order[0], 0])
+    leg, course = route.legs[0], float(route.table.rows.courses_rad[route.order[0], 0])
     speed = leg.stage.airspeed_mps or airframe.airspeed_mps
     # the heading that holds the course: V sin(θ − χ) is the wind from the left
     cross = wind_mps[0] * math.sin(course) - wind_mps[1] * math.cos(course)

@@ -16,7 +16,6 @@ from eadp.errors import InputError, one_of, printable
 from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import STRICT, keys_document, validated, without_nulls
-from eadp.models.doubts import Doubt
 from eadp.models.plan.plan import SurveyCamera
 from eadp.survey.features import NAME_LIMIT
 
@@ -310,15 +309,15 @@ class Pictures(NamedTuple):
         parts += [f"one each {distance_m:.1f} m, forward overlap {overlap:.0f} %", f"{self.number} in all"]
         return [f"camera     {'; '.join(parts)}"]
 
-    def doubts(self) -> Iterator[Doubt]:
-        """A doubt about pictures that follow one another too fast on the fastest lines."""
+    def doubts(self) -> Iterator[tuple[str, str, str]]:
+        """An option, what is wrong and what is expected, of pictures that follow too fast on the fastest lines."""
         distance_m, speed_mps, shortest_s = self.shot.picture_distance_m, self.speed_mps, self.shot.picture_interval_s
         if distance_m is not None and distance_m < (shortest_s or QUICK_S) * speed_mps:
             message = (
                 f"a picture each {distance_m:.3g} m, which are {distance_m / speed_mps:.2g} s on the fastest lines"
             )
             whose = f"the camera's {shortest_s:g} s" if shortest_s else f"{QUICK_S:g} s, as most cameras have"
-            yield Doubt("--forward-overlap", message, f"{whose}: less overlap, a slower flight, or more altitude")
+            yield "--forward-overlap", message, f"{whose}: less overlap, a slower flight, or more altitude"
 
 
 def pictures_document(pictures: Pictures | None) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import blowing_to_rad, place_text, to_local_m, velocity_mps
 from eadp.io.text.options import Flag, check_range
 from eadp.models.airspace import CLEARANCE_M, Field
-from eadp.models.doubts import NEAR_DEG
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m
 from eadp.models.plan.pieces import course_rad
 from eadp.models.vehicle import Airframe
@@ -24,6 +23,8 @@ from eadp.survey.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 MIN_RADIUS_M = 0.1
 MAX_LENGTH_M = 1e5
 MAX_AIRSPEED_MPS = 1e3
+NEAR_DEG = 1.0
+"""Distance of two positions that are one place, with latitude and longitude swapped [°]."""
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
 

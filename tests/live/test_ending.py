@@ -11,7 +11,7 @@ from common.observations import seen_at
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.live.gate import Continuation, is_certain
-from eadp.models.plan.cursor import Rules
+from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
@@ -20,7 +20,7 @@ NORTH = math.pi / 2
 
 def in_lap(lap):
     """On the first stage of a lap of the survey at c1 = 0; laps from 15 on may end the plan, beyond (175, 161)."""
-    executor = PlanExecutor(PLAN, (0.0, 10.0), (-45.0, 216.0), Rules())
+    executor = PlanExecutor(PlanCursor.start(PLAN, (0.0, 10.0), Rules()), (-45.0, 216.0))
     for _ in range(4 * lap):
         executor.skip((0.0, 0.0))
     return executor

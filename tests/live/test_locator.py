@@ -179,7 +179,7 @@ def test_a_placed_flight_fires_its_trigger_on_time():
         for share in (0.1, 0.6):
             points = leg_points(LEGS[number], 0.5)[:, :2].tolist()
             first = round(share * (len(points) - 1))
-            executor = PlanExecutor(PLAN, PARAMETERS, START, Rules())
+            executor = PlanExecutor(PlanCursor.start(PLAN, PARAMETERS, Rules()), START)
             for _ in range(number):
                 executor.skip(LEGS[number].start_m)
             here = tuple(points[first])
@@ -191,7 +191,7 @@ def test_a_placed_flight_fires_its_trigger_on_time():
 def test_a_placed_flight_ends_a_circle_that_it_flies_past_outside():
     """Most of a turn, 8 m outside the circle and so outside the trigger's disc: the angle flown ends it."""
     plan, _ = read_plan(Text("circle.plan", CIRCLE))
-    executor = PlanExecutor(plan, (), (50.0, 0.0), Rules())
+    executor = PlanExecutor(PlanCursor.start(plan, (), Rules()), (50.0, 0.0))
     sweep_deg = 360 - math.degrees(math.atan2(17.06, 47))
 
     def at(angle_deg):

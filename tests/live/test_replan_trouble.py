@@ -97,7 +97,7 @@ def survey_lines(laps, x_m=0.0):
         ox, oy = cursor.offset_m
         start = joined[0] - ox, joined[1] - oy
         length_m = abs(track.ahead_m(start))
-        points += [(x + ox, y + oy) for (x, y), _ in track.points(start, length_m, 1.0, round(length_m / 1.5))]
+        points += [(x + ox, y + oy) for x, y, _ in track.points(start, length_m, 1.0, round(length_m / 1.5))]
         joined, cursor = cursor.trigger_m(), cursor.next()
     flown = [(x + x_m, y) for x, y in points[::10]]
     return [
@@ -183,7 +183,7 @@ def test_telemetry_elsewhere_without_a_stage_is_not_acted_on(replan):
     """Until a stage is reported: nothing is decided, nor forecast, and the reason says so."""
     lines = [{key: value for key, value in line.items() if key != "parameters"} for line in EXAMPLE[300:340]]
     lines[20:] = [line | {"stages_started": 30} for line in lines[20:]]
-    code, decisions, _ = replan(lines)
+    _, decisions, _ = replan(lines)
     before = [line for line in decisions if line["time_s"] < lines[20]["time_s"]]
     assert {line["reason"] for line in before} == {NOT_PLACED}
     assert all("stage-unknown" in line["warnings"] for line in before)

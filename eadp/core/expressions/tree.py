@@ -273,16 +273,6 @@ def difference(a: Expression, b: Expression) -> Expression:
     return Expression(Sum(((False, a.node), (True, b.node))), {**b.offsets, **a.offsets}, a.size + b.size + 1)
 
 
-def scaled(a: Expression, factor: float) -> Expression:
-    """factor · a."""
-    number = constant(factor)
-    if factor == 0 or not a.names:
-        return constant(factor * a.at() if factor else 0.0)
-    if factor == 1:
-        return a
-    return Expression(Product(((False, number.node), (False, a.node))), a.offsets, a.size + 2, a.non_smooth)
-
-
 def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:
     """A term of a sum after substitution: a − (−b) is written a + b."""
     if minus and isinstance(old, Symbol) and isinstance(new, Negative):
@@ -319,8 +309,6 @@ def evaluation(node: Node) -> Evaluation:
     functions = []
     for part in children(node):  # plain loops: a comprehension would double the depth of the stack
         functions.append(evaluation(part))
-    if len(functions) == 2 and isinstance(node, Sum | Product):
-        return _of_two(node, *functions)
     if isinstance(node, Negative):
         operand = functions[0]
         return lambda values: -operand(values)
@@ -335,17 +323,6 @@ def evaluation(node: Node) -> Evaluation:
         return _combined(node, parts)
 
     return combined
-
-
-def _of_two(node: Sum | Product, a: Evaluation, b: Evaluation) -> Evaluation:
-    """`_combined` of two parts, which most have: in a third of the time."""
-    if isinstance(node, Sum):
-        if node.terms[1][0]:
-            return lambda values: 0.0 + a(values) - b(values)
-        return lambda values: 0.0 + a(values) + b(values)
-    if node.factors[1][0]:
-        return lambda values: a(values) / b(values)
-    return lambda values: a(values) * b(values)
 
 
 def _combined(node: Node, values: Sequence[float]) -> float:

@@ -331,7 +331,7 @@ class FreeSpace:
 
     def has(self, path_m: ArrayLike) -> bool:
         """Whether a polyline, shape (n, 2), lies in it."""
-        return self._holds(shapely.LineString(path_m))
+        return bool(self._free(shapely.LineString(path_m)))
 
     def sees(self, starts_m: ArrayLike, ends_m: ArrayLike) -> BoolArray:
         """Whether straight lines lie in it, from points to points, each of shape (n, 2); shape (n,)."""
@@ -344,19 +344,15 @@ class FreeSpace:
         of_points = np.repeat(np.arange(len(paths_m)), [len(path) for path in paths_m])
         return self._free(shapely.linestrings(np.concatenate(paths_m), indices=of_points))
 
-    def _free(self, lines: Any) -> BoolArray:
-        """Whether each of many lines lies in it."""
-        free = ~shapely.intersects(self._inner, lines)
-        found: BoolArray = free if self._outer is None else free & shapely.covers(self._outer, lines)
+    def _free(self, geometries: Any) -> BoolArray:
+        """Whether each of many geometries lies in it, or one."""
+        free = np.logical_not(shapely.intersects(self._inner, geometries))
+        found: BoolArray = free if self._outer is None else free & shapely.covers(self._outer, geometries)
         return found
 
     def has_hull(self, points_m: ArrayLike) -> bool:
         """Whether the convex hull of points, shape (n, 2), lies in it."""
-        return self._holds(shapely.MultiPoint(points_m).convex_hull)
-
-    def _holds(self, geometry: shapely.Geometry) -> bool:
-        inside = self._outer is None or bool(shapely.covers(self._outer, geometry))
-        return inside and not bool(shapely.intersects(self._inner, geometry))
+        return bool(self._free(shapely.MultiPoint(points_m).convex_hull))
 
     def blocks(self, parts: Sequence[Sequence[Sequence[Point]]], radius_m: float) -> bool:
         """Whether a circle of a radius [m] on a field's ground, as `covered_shares` has it, lies out of it."""

@@ -575,7 +575,7 @@ class _Reader:
         elif self._groups:
             plan = self._repeating(plan)
         elif found := find_structure(plan):
-            plan = replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
+            plan = replace(plan, primitive_stages=found[0], shift=found[1])
         self._compare_header(plan)
         return plan
 

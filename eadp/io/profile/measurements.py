@@ -49,9 +49,6 @@ _NO_PARAMETER = re.compile(
 
 _POSITION = re.compile(r"[xy]_m\Z|(?:lat|lon|latitude|longitude)(?:_deg)?\Z", re.IGNORECASE)
 
-PointFaults = dict[tuple[float, ...], Fault]
-"""An empty fault at the location of each configuration in its file."""
-
 
 @dataclass(frozen=True)
 class Configuration:
@@ -72,7 +69,7 @@ class Trace(NamedTuple):
     configuration: Configuration | None = None
 
 
-def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, PointFaults, list[Fault]]:
+def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
     Parameters
@@ -85,8 +82,6 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
     Returns
     -------
     Profile
-    dict of tuple of float to Fault
-        The location of each configuration.
     list of Fault
         Warnings.
 
@@ -148,7 +143,7 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
     except Infeasible as error:
         row = next(iter(readings.values()))[0][0].row
         raise InputError(row.fault(0, str(error), "a full grid, or points that span an area")) from None
-    return profile, {point: runs[0][0].row.fault(0, "") for point, runs in readings.items()}, warnings
+    return profile, warnings
 
 
 def is_trace(text: Text) -> bool:

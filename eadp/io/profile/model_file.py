@@ -21,7 +21,6 @@ from eadp.io.profile.measurements import (
     NAME,
     PARAMETERS_LIMIT,
     Configuration,
-    PointFaults,
     PowerColumns,
     Trace,
     is_trace,
@@ -114,25 +113,13 @@ def parse_profile(text: Text, names: Sequence[str] = ()) -> tuple[Profile, list[
     """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`."""
     if not _is_model(text):
         return _measured([Trace(text)], names)
-    profile, locations = _read_model(text)
-    return _renamed(profile, names), _warnings(profile, locations)
+    return _renamed(_read_model(text), names), []
 
 
 def _measured(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
-    profile, locations, warnings = read_measurements(files, names)
-    found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations)
+    profile, warnings = read_measurements(files, names)
+    found = [replace(fault, severity="warning") for fault in warnings]
     return _renamed(profile, names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
-
-
-def _warnings(profile: Profile, locations: PointFaults) -> list[Fault]:
-    """The findings of a profile at their locations, first by line."""
-    warnings = [
-        replace(
-            locations[tuple(profile.configurations[found.point].tolist())], severity="warning", message=found.message
-        )
-        for found in profile.findings()
-    ]
-    return sorted(warnings, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
 def _renamed(profile: Profile, names: Sequence[str]) -> Profile:
@@ -223,8 +210,8 @@ class ProfileFile:
 # ── reading a model ──
 
 
-def _read_model(text: Text) -> tuple[Profile, PointFaults]:
-    """A model, and the locations of its points."""
+def _read_model(text: Text) -> Profile:
+    """A model."""
     document = read_yaml(text)
     value = document.value
     if not isinstance(value, dict) or value.get("schema") != SCHEMA:
@@ -236,7 +223,7 @@ def _read_model(text: Text) -> tuple[Profile, PointFaults]:
         return np.array([getattr(point, key) for point in content.points], dtype=np.float64)  # None is NaN
 
     try:
-        profile = Profile(
+        return Profile(
             names=tuple(parameter.name for parameter in content.parameters),
             units=tuple(parameter.unit for parameter in content.parameters),
             configurations=column("at"),
@@ -248,8 +235,6 @@ def _read_model(text: Text) -> tuple[Profile, PointFaults]:
     except Infeasible as error:
         key = "interpolation" if content.interpolation == "pchip" else "points"
         raise InputError(document.fault((key,), str(error))) from None
-    points = enumerate(content.points)
-    return profile, {tuple(point.at): document.fault(("points", i), "") for i, point in points}
 
 
 def _faults(document: Document, content: ProfileFile) -> list[Fault]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 from eadp.core.expressions.derivatives import PathFunction
@@ -19,7 +20,8 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import COMPUTATION, Segment, Stage, State, point_at
 
 LAP_LIMIT = 10_000
-KEPT_LAYOUTS = 1_000
+KEPT = 1_000
+"""Parameters whose shift is kept: each lap asks for it several times, and so do similar routes."""
 Vector = tuple[float, ...]
 LATCHED, LIVE = "latched", "live"
 
@@ -117,11 +119,11 @@ class PlanCursor(NamedTuple):
         PathUndefined
             If it has no value at the parameters in force.
         """
-        return self.table.laid_out(self.stage, self.parameters, self.state)[0]
+        return self.stage.path_at(self.parameters, self.state)
 
     def local_trigger_m(self) -> Point:
         """The stage's trigger in the frame of lap 0 [m]; raises PathUndefined as `path`."""
-        return self.table.laid_out(self.stage, self.parameters, self.state)[1]
+        return self.stage.trigger_at(self.parameters, self.state)
 
     def trigger_m(self) -> Point:
         """The stage's trigger [m]; raises PathUndefined as `path`."""
@@ -178,15 +180,15 @@ class PlanCursor(NamedTuple):
         if self.stage.index < segment.first + segment.count:
             return self._enter(self.segment, self.stage.index, self.lap, self.state, self.base_m)
         if not segment.repeats:
-            return self.next_lap() if self.table.plan.repeats else self._next_segment()
+            return self._next_lap() if self.table.plan.repeats else self._next_segment()
         _check_laps(self.lap + 1)
         state = segment.next(self.parameters, self.state)
         if segment.over(self.parameters, state):
             return self._next_segment()
         return self._enter(self.segment, segment.first, self.lap + 1, state, self.base_m)
 
-    def next_lap(self) -> PlanCursor | None:
-        """The first stage of the next lap, from the last one, or from any of a lap that is alike; else as `next`."""
+    def _next_lap(self) -> PlanCursor | None:
+        """The first stage of the next lap of a plan that repeats."""
         _check_laps(self.lap + 1)
         end = self.end()
         if end is not None and end.at_trigger:
@@ -194,33 +196,6 @@ class PlanCursor(NamedTuple):
         # live, the shift was due at the start of the last stage
         base = self.base_m if self.table.live else self._shifted(self.base_m, self.waiting)
         return self._enter(self.segment, 0, self.lap + 1, self.state, base)
-
-    @property
-    def repeats_alike(self) -> bool:
-        """Whether this is the first stage of a lap, and all laps from here are alike but for their shift."""
-        table = self.table
-        alike = table.plan.repeats and not table.live and not table.plan.segments
-        return alike and self.stage.index == 1 and self.waiting == self.decided
-
-    def laps_before_end(self) -> tuple[list[Point], PlanCursor]:
-        """Offsets of the laps from this one on that do not reach the plan's end, and the first one that does.
-
-        Of laps that are alike; raises PathUndefined as `next`.
-        """
-        table = self.table
-        offsets: list[Point] = []
-        if table.rules.box_triggers:
-            return offsets, self
-        final, shift, (x, y) = table.ends_at(self.parameters)
-        (ox, oy), (dx, dy) = self.offset_m, table.shift_at(self.waiting)
-        # a lap less than the way along the shift is certainly not enough
-        ways = zip(final, (x + ox, y + oy), (dx, dy), strict=True)
-        short = max([(to - at) / d for to, at, d in ways if abs(d) >= 1e-9], default=0.0) - 1.0
-        while len(offsets) < short or not reaches((x + ox, y + oy), final, shift, table.plan.final_radius_m):
-            offsets.append((ox, oy))
-            ox, oy = ox + dx, oy + dy
-            _check_laps(self.lap + len(offsets))
-        return offsets, self._replace(lap=self.lap + len(offsets), offset_m=(ox, oy), base_m=(ox, oy))
 
     def accepts_changes(self) -> bool:
         """Whether a path parameter decided during this stage takes effect with the next one, or at once."""
@@ -312,42 +287,24 @@ class _Table:
             for parameter in plan.parameters
         ]
         self.highest = tuple([plan.hull(i).hi for i in range(len(plan.parameters))]) if plan.has_sets else ()
-        self._ends: dict[Vector, tuple[Point, Point, Point]] = {}
-        self._shifts: dict[Vector, Point] = {}
-        self._laid_out: dict[tuple[int, Vector, State], tuple[PathFunction, Point]] = {}
 
     def is_last(self, index: int) -> bool:
         """Whether a stage (from 0) is the last one of a lap of a plan that repeats."""
         return self.plan.repeats and index == len(self.plan.stages) - 1
 
+    @lru_cache(maxsize=KEPT)  # noqa: B019
     def ends_at(self, parameters: Vector) -> tuple[Point, Point, Point]:
         """Final point, shift, and last trigger of lap 0 [m]."""
-        key = parameters[: self.plan.path_count]
-        if key not in self._ends:
-            final = point_at(self.plan.final_point, parameters, "the final point")
-            self._ends[key] = final, shift_at(self.plan, parameters), self.plan.stages[-1].trigger_at(parameters)
-        return self._ends[key]
+        final = point_at(self.plan.final_point, parameters, "the final point")
+        return final, shift_at(self.plan, parameters), self.plan.stages[-1].trigger_at(parameters)
 
-    def laid_out(self, stage: Stage, parameters: Vector, state: State) -> tuple[PathFunction, Point]:
-        """Path function and trigger [m] of a stage in the frame of lap 0; laps mostly repeat those of the last one."""
-        key = stage.index, parameters, state
-        if key not in self._laid_out:
-            if len(self._laid_out) >= KEPT_LAYOUTS:
-                self._laid_out.clear()
-            self._laid_out[key] = stage.path_at(parameters, state), stage.trigger_at(parameters, state)
-        return self._laid_out[key]
-
+    @lru_cache(maxsize=KEPT)  # noqa: B019
     def shift_at(self, waiting: Vector) -> Point:
         """The shift [m] at parameters clipped to the sets of the stages whose paths they change."""
-        if waiting not in self._shifts:
-            values = waiting
-            if self.plan.has_sets:
-                values = tuple(
-                    stage.sets[i].clip(value)
-                    for i, (stage, value) in enumerate(zip(self._changed, waiting, strict=True))
-                )
-            self._shifts[waiting] = shift_at(self.plan, values)
-        return self._shifts[waiting]
+        if not self.plan.has_sets:
+            return shift_at(self.plan, waiting)
+        sets = (stage.sets[i] for i, stage in enumerate(self._changed))
+        return shift_at(self.plan, [box.clip(value) for box, value in zip(sets, waiting, strict=True)])
 
 
 def cursors(cursor: PlanCursor | None) -> Iterator[PlanCursor]:

@@ -18,8 +18,7 @@ from eadp.core.geometry.curves import (
     tangent,
 )
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Rules, Vector
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Vector
 from eadp.models.plan.stage import Stage
 
 FIRED, ENDED = 1, 2
@@ -263,17 +262,8 @@ class PlanExecutor:
         Whether the plan is done.
     """
 
-    def __init__(self, plan: Plan, parameters: Sequence[float], position: Point, rules: Rules) -> None:
-        self._begin(PlanCursor.start(plan, parameters, rules), position)
-
-    @classmethod
-    def at(cls, cursor: PlanCursor, position: Point) -> PlanExecutor:
-        """A flight from the start of a stage [m] on."""
-        executor = cls.__new__(cls)
-        executor._begin(cursor, position)
-        return executor
-
-    def _begin(self, cursor: PlanCursor, position: Point) -> None:
+    def __init__(self, cursor: PlanCursor, position: Point) -> None:
+        """A flight from the start of a stage on, at a position [m]."""
         self.cursor = cursor
         self.joined_m = position
         self.stages_started = 1

@@ -6,9 +6,10 @@ laps, not a straight line between two constants.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -259,44 +260,29 @@ class Route:
     table : LegTable
     order : array of int, shape (legs,)
         Row of each leg in the table.
-    pieces : tuple of Leg or AlikeLaps
-        The legs, those of laps that are alike together.
+    legs : tuple of Leg
     runs : array of int, shape (legs,)
         The lap, or run of stages outside laps, that each leg belongs to, from 0.
     scales : array, shape (runs,)
         Ground per metre of each, see `eadp.models.plan.ground.lap_scale`.
     beyond_m : float
         Length of the last lap beyond the end of the plan [m]: its strip is as long as any other.
-    cursor : PlanCursor or None
-        The plan's position at its start; None where it is not known.
+    cursor : PlanCursor
+        The plan's position at its start.
     """
 
     table: LegTable
     order: IntArray
-    pieces: tuple[Leg | AlikeLaps, ...]
+    legs: tuple[Leg, ...]
     runs: IntArray
     scales: FloatArray
-    beyond_m: float = 0.0
-    cursor: PlanCursor | None = None
-
-    @cached_property
-    def legs(self) -> tuple[Leg, ...]:
-        """The legs with their places."""
-        legs: list[Leg] = []
-        for piece in self.pieces:
-            legs += [piece] if isinstance(piece, Leg) else piece.legs()
-        return tuple(legs)
-
-    @property
-    def first(self) -> Leg:
-        """The first leg."""
-        return self.pieces[0] if isinstance(self.pieces[0], Leg) else self.legs[0]
+    beyond_m: float
+    cursor: PlanCursor
 
     @cached_property
     def of_legs(self) -> tuple[Stage, ...]:
         """The stage of each leg."""
-        stages = self.table.stages
-        return tuple([stages[row] for row in self.order.tolist()])
+        return tuple([leg.stage for leg in self.legs])
 
     @cached_property
     def parameters(self) -> tuple[Vector, ...]:
@@ -328,14 +314,6 @@ class Route:
         """The legs to fly, from the start of the flight."""
         return PlannedLegs(self.legs, self.parameters)
 
-    def after(self) -> Route:
-        """The same without its first leg."""
-        pieces = self.pieces[1:] if isinstance(self.pieces[0], Leg) else self.legs[1:]
-        passed = int(self.runs[1]) if len(self.runs) > 1 else 0
-        runs, scales = self.runs[1:] - passed, self.scales[passed:]
-        cursor = None if self.cursor is None else self.cursor.next()
-        return Route(self.table, self.order[1:], pieces, runs, scales, self.beyond_m, cursor)
-
     @property
     def stages(self) -> IntArray:
         """The stage of each leg, from 1, shape (legs,)."""
@@ -347,9 +325,7 @@ class RoutePredictor:
 
     def __init__(self) -> None:
         self._shapes: dict[object, _Shape] = {}
-        self._laps: dict[object, _Lap | None] = {}
         self._table: LegTable | None = None
-        self._last: Route | None = None
 
     def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0) -> Route:
         """The rest of the plan from the start of the stage being flown.
@@ -369,58 +345,47 @@ class RoutePredictor:
         PathUndefined
             If a path or trigger has no value, a trigger is not met, or the plan's end is not reached.
         """
-        rest = None if cursor.table.plan.repeats else self._rest(cursor, joined_m)
-        self._last = rest or self._laid_out(cursor, joined_m, margin_m)
-        return self._last
-
-    def _rest(self, cursor: PlanCursor, joined_m: Point) -> Route | None:
-        """That of the route before which is left, of a plan that is flown once; None where it is another one."""
-        rest = self._last
-        while rest is not None and rest.cursor is not None and _place(rest.cursor) < _place(cursor):
-            rest = rest.after() if len(rest.order) > 1 else None
-        if rest is None or rest.cursor != cursor:
-            return None
-        leg, number = self._leg(cursor, joined_m)
-        order = np.concatenate(([number], rest.order[1:]))
-        return replace(rest, order=order, pieces=(leg, *rest.pieces[1:]), cursor=cursor)
-
-    def _laid_out(self, cursor: PlanCursor, joined_m: Point, margin_m: float) -> Route:
-        table = self._table = self._table or LegTable(cursor.table.plan)
-        made = _RouteMaker(table, cursor)
-        start = joined_m
-        following: PlanCursor | None = cursor
-        while following is not None:
+        flown = list[tuple[PlanCursor, Leg, int]]()
+        start, following = joined_m, cursor
+        end, of_lap = cursor.end(), (cursor.lap, cursor.parameters)
+        while True:
             cursor = following
-            lap = self._lap(cursor, start) if cursor.repeats_alike else None
-            if lap is not None:
-                offsets, last = cursor.laps_before_end()
-                if offsets:
-                    laps = AlikeLaps(lap, cursor.lap, offsets, start)
-                    made.add_laps(laps, lap_scale(cursor))
-                    start = laps.end_m
-                cursor = last
-                legs = AlikeLaps(lap, cursor.lap, [cursor.offset_m], start).legs()
-                numbers = lap.rows
-            else:
-                leg, number = self._leg(cursor, start)
-                legs, numbers = [leg], [number]
-            made.start(cursor)
-            end = cursor.end()
-            for count, (leg, number) in enumerate(zip(legs, numbers, strict=True), 1):
-                flown_m = math.inf
-                if end is not None and not end.at_trigger:
-                    flown_m = end_on(leg, end.final_m, end.shift_m, cursor.table.plan.final_radius_m, margin_m)
+            leg, number = self._leg(cursor, start)
+            if (cursor.lap, cursor.parameters) != of_lap:
+                end, of_lap = cursor.end(), (cursor.lap, cursor.parameters)
+            if end is not None and not end.at_trigger:
+                flown_m = end_on(leg, end.final_m, end.shift_m, cursor.table.plan.final_radius_m, margin_m)
                 if flown_m < math.inf:
                     cut = leg._replace(flown_m=flown_m)
                     (ox, oy), (x, y) = cut.offset_m, cut.start_m
                     share = cut.distance_m / cut.length_m if cut.length_m else 1.0
                     nodes = cut.track.nodes((x - ox, y - oy), cut.distance_m, share)
-                    made.add(cut, table.row(cut.stage, table.parameters[number], nodes))
-                    rest_m = sum([other.length_m for other in legs[count:]]) if lap else self._rest_m(cursor, leg.end_m)
-                    return made.route(cut.length_m - cut.distance_m + rest_m)
-                made.add(leg, number)
-            start, following = legs[-1].end_m, cursor.next() if lap is None else cursor.next_lap()
-        return made.route()
+                    flown.append((cursor, cut, self._rows(cursor).row(cut.stage, cursor.parameters, nodes)))
+                    beyond_m = cut.length_m - cut.distance_m + self._rest_m(cursor, leg.end_m)
+                    return self._route(flown, beyond_m)
+            flown.append((cursor, leg, number))
+            start = leg.end_m
+            if (after := cursor.next()) is None:
+                return self._route(flown)
+            following = after
+
+    def _rows(self, cursor: PlanCursor) -> LegTable:
+        """The table of the plan's legs."""
+        self._table = self._table or LegTable(cursor.table.plan)
+        return self._table
+
+    def _route(self, flown: Sequence[tuple[PlanCursor, Leg, int]], beyond_m: float = 0.0) -> Route:
+        """The route of legs with their places in the plan and rows; see its `beyond_m`."""
+        cursors, legs, rows = zip(*flown, strict=True)
+        places = [(cursor.segment, cursor.lap) for cursor in cursors]
+        ended = [place != after for place, after in itertools.pairwise([*places, None])]
+        runs = np.cumsum([False, *ended[:-1]])
+        # what shifts the next lap is known where a lap is complete
+        last = [cursor for cursor, over in zip(cursors, ended, strict=True) if over]
+        scales = [lap_scale(cursor, last=i == len(last)) for i, cursor in enumerate(last, 1)]
+        order = np.array(rows, dtype=np.intp)
+        table = self._rows(cursors[0])
+        return Route(table, order, legs, runs, np.array(scales), beyond_m, cursors[0])
 
     def leg(self, cursor: PlanCursor, joined_m: Point) -> Route:
         """The whole of a stage alone, from where it is joined.
@@ -430,11 +395,7 @@ class RoutePredictor:
         PathUndefined
             As `route`.
         """
-        table = self._table = self._table or LegTable(cursor.table.plan)
-        made = _RouteMaker(table, cursor)
-        made.start(cursor)
-        made.add(*self._leg(cursor, joined_m))
-        return made.route()
+        return self._route([(cursor, *self._leg(cursor, joined_m))])
 
     def length_m(self, cursor: PlanCursor, joined_m: Point) -> float:
         """Length of the whole of a stage, from where it is joined [m]; raises PathUndefined as `route`."""
@@ -451,38 +412,11 @@ class RoutePredictor:
 
     def _leg(self, cursor: PlanCursor, start: Point) -> tuple[Leg, int]:
         """The leg of a stage from where it is joined, and its row."""
-        assert self._table is not None
         (ox, oy), stage = cursor.offset_m, cursor.stage
         shape = self._shape(cursor, (start[0] - ox, start[1] - oy))
         goal = (shape.end[0] + ox, shape.end[1] + oy)
         leg = Leg(cursor.lap, stage, shape.track, cursor.offset_m, start, goal, shape.length_m)
-        return leg, self._table.row(stage, cursor.parameters, shape.nodes)
-
-    def _lap(self, cursor: PlanCursor, start: Point) -> _Lap | None:
-        """A lap of those that are alike; None where its legs, or their parameters, are not the same in every lap."""
-        (ox, oy), rho = cursor.offset_m, cursor.table.plan.path_count
-        local = (start[0] - ox, start[1] - oy)
-        key = (cursor.decided, _grid(local))
-        if key not in self._laps:
-            shapes, values, following, at = list[_Shape](), list[Vector](), cursor, local
-            try:
-                for _ in cursor.table.plan.stages:
-                    here = following
-                    shapes.append(self._shape(here, at))
-                    values.append(here.parameters)
-                    following = here.next() or here
-                    (x, y), (ox, oy), (px, py) = shapes[-1].end, here.offset_m, following.offset_m
-                    at = (x + ox - px, y + oy - py)
-                alike = _grid(at) == key[1] and all(own[:rho] == values[0][:rho] for own in values)
-            except PathUndefined:  # the plan may end before
-                alike = False
-            self._laps[key] = None
-            if alike:
-                assert self._table is not None
-                stages = [*cursor.table.plan.stages]
-                legs = zip(stages, values, shapes, strict=True)
-                self._laps[key] = _Lap(stages, shapes, [self._table.row(*leg[:2], leg[2].nodes) for leg in legs])
-        return self._laps[key]
+        return leg, self._rows(cursor).row(stage, cursor.parameters, shape.nodes)
 
     def _shape(self, cursor: PlanCursor, start: Point) -> _Shape:
         """A leg in the frame of lap 0."""
@@ -496,54 +430,6 @@ class RoutePredictor:
                 raise PathUndefined(f"the path of stage {stage.index} does not lead to its trigger")
             self._shapes[key] = _Shape(track, trigger, length_m, track.nodes(start, length_m, 1.0))
         return self._shapes[key]
-
-
-class _RouteMaker:
-    """Collects the legs of a route, and the laps that they belong to."""
-
-    def __init__(self, table: LegTable, first: PlanCursor) -> None:
-        self.rows: list[int] = []
-        self._table, self._first = table, first
-        self._pieces: list[Leg | AlikeLaps] = []
-        self._runs: list[int] = []
-        self._scales: list[float] = []
-        self._place: tuple[int, int] | None = None
-        self._cursor: PlanCursor | None = None
-
-    def add_laps(self, laps: AlikeLaps, scale: float) -> None:
-        """Add laps that are alike."""
-        self._finish()
-        count, legs = len(laps.offsets_m), len(laps.lap.rows)
-        self._pieces.append(laps)
-        self.rows += laps.lap.rows * count
-        first = len(self._scales)
-        self._runs += [run for run in range(first, first + count) for _ in range(legs)]
-        self._scales += [scale] * count
-
-    def start(self, cursor: PlanCursor) -> None:
-        """Go on with legs of a cursor's lap."""
-        if (cursor.segment, cursor.lap) != self._place:
-            self._finish()
-            self._place = cursor.segment, cursor.lap
-        self._cursor = cursor
-
-    def add(self, leg: Leg, row: int) -> None:
-        """Add a leg."""
-        self._pieces.append(leg)
-        self.rows.append(row)
-        self._runs.append(len(self._scales))
-
-    def _finish(self, *, last: bool = False) -> None:
-        """A lap is complete: what shifts the next one is known."""
-        if self._cursor is not None:
-            self._scales.append(lap_scale(self._cursor, last=last))
-        self._cursor = self._place = None
-
-    def route(self, beyond_m: float = 0.0) -> Route:
-        """The route; see its `beyond_m`."""
-        self._finish(last=True)
-        order, runs = (np.array(numbers, dtype=np.intp) for numbers in (self.rows, self._runs))
-        return Route(self._table, order, tuple(self._pieces), runs, np.array(self._scales), beyond_m, self._first)
 
 
 def end_on(leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: float) -> float:
@@ -562,8 +448,8 @@ def end_on(leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: floa
     sides = signs(shift)
     # a point of the leg is at most so far beyond the end: the way there and back is no longer than the leg
     ways = zip(sides, leg.start_m, leg.end_m, final, strict=True)
-    most_m = min([(leg.length_m + side * (a - to) + side * (b - to)) / 2 for side, a, b, to in ways if side], default=0)
-    if not margin_m < most_m < math.inf:
+    max_m = min([(leg.length_m + side * (a - to) + side * (b - to)) / 2 for side, a, b, to in ways if side], default=0)
+    if not margin_m < max_m < math.inf:
         return math.inf
     points = leg_points(leg._replace(flown_m=math.inf), END_STEP_M)
     # how far each point is beyond the end along the shift, and within the radius across it
@@ -581,11 +467,6 @@ def end_on(leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: floa
     return float(np.interp(0.0, over_m[i - 1 : i + 1], at_m[i - 1 : i + 1])) if i else 0.0
 
 
-def _place(cursor: PlanCursor) -> tuple[int, int, int]:
-    """What grows from stage to stage."""
-    return cursor.segment, cursor.lap, cursor.stage.index
-
-
 def _grid(point: Point) -> tuple[int, int]:
     """A point's cell: points of one cell are the same."""
     return round(point[0] / SAME_POINT_M), round(point[1] / SAME_POINT_M)
@@ -596,40 +477,6 @@ class _Shape(NamedTuple):
     end: Point
     length_m: float
     nodes: Nodes
-
-
-class _Lap(NamedTuple):
-    """Legs of a lap, and their rows in the table."""
-
-    stages: list[Stage]
-    shapes: list[_Shape]
-    rows: list[int]
-
-
-class AlikeLaps(NamedTuple):
-    """Laps that are alike but for their offsets [m], the number of the first, and where it starts [m]."""
-
-    lap: _Lap
-    number: int
-    offsets_m: list[Point]
-    start_m: Point
-
-    @property
-    def end_m(self) -> Point:
-        """Where the last one ends [m]."""
-        (x, y), (ox, oy) = self.lap.shapes[-1].end, self.offsets_m[-1]
-        return x + ox, y + oy
-
-    def legs(self) -> list[Leg]:
-        """The legs with their places."""
-        legs: list[Leg] = []
-        start = self.start_m
-        for number, offset in enumerate(self.offsets_m, self.number):
-            for stage, shape in zip(self.lap.stages, self.lap.shapes, strict=True):
-                end = (shape.end[0] + offset[0], shape.end[1] + offset[1])
-                legs.append(Leg(number, stage, shape.track, offset, start, end, shape.length_m))
-                start = end
-        return legs
 
 
 class RouteArrays(NamedTuple):

@@ -26,9 +26,6 @@ from eadp.errors import PathUndefined
 State = tuple[float, ...]
 """The values, in this lap, of a segment's loop variables that change from lap to lap."""
 
-MAX_KEPT = 10_000
-"""Most laps whose values a segment keeps."""
-
 
 @dataclass(frozen=True, slots=True)
 class LoopVariable:
@@ -94,10 +91,7 @@ class Segment:
 
     def over(self, parameters: Sequence[float], state: State) -> bool:
         """Whether no further lap is to be flown."""
-        if self.until is None:
-            return True
-        known = self._known(parameters, state)
-        return self.until[0].value(known) >= self.until[1].value(known)
+        return self.until is None or self.left(parameters, state) <= 0
 
     def left(self, parameters: Sequence[float], state: State) -> float:
         """How far the end of a repeated segment is at a state: b − a, 0 or less where no further lap is flown."""
@@ -131,24 +125,13 @@ class Segment:
 
     def _known(self, parameters: Sequence[float], state: State) -> dict[str, float]:
         """Every name's value: parameters, then what changes from lap to lap, then formulas in their order."""
-        key = (tuple(parameters), state)
-        if key in self._values:
-            return self._values[key]
         known = _named(parameters)
         changing = [q.name for q in self.variables if q.shift is not None]
         known.update(zip(changing, state, strict=True))
         for q in self.variables:
             if q.shift is None:
                 known[q.name] = q.first.value(known)
-        if len(self._values) >= MAX_KEPT:
-            self._values.clear()
-        self._values[key] = known
         return known
-
-    @cached_property
-    def _values(self) -> dict[tuple[tuple[float, ...], State], dict[str, float]]:
-        """Values by parameters and state: each lap asks for the same ones several times, and so do similar routes."""
-        return {}
 
 
 def _named(parameters: Sequence[float]) -> dict[str, float]:

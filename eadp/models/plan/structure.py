@@ -6,7 +6,6 @@ Source: letter, Def. II.5 and Eq. 2; draft 004, Eq. 1. The rank test of draft 00
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,16 +36,8 @@ TOLERANCE = 1e-9
 _PathTrigger = tuple[Expression, PointExpression]
 
 
-@dataclass(frozen=True, slots=True)
-class Structure:
-    """n, and d(c)."""
-
-    primitive_stages: int
-    shift: PointExpression
-
-
-def find_structure(plan: Plan) -> Structure | None:
-    """The smallest n for which every stage is the one n before it, moved by the same d(c); None without.
+def find_structure(plan: Plan) -> tuple[int, PointExpression] | None:
+    """n and d(c): the smallest n for which every stage is the one n before it, moved by the same d(c); None without.
 
     Two whole laps are needed. φ_{i+n}(p + d) = φ_i(p) is required without the letter's constant e_j: with it, the
     stages of a lap would not be those of the last one moved. The travel's direction must agree, and triggers move by d.
@@ -66,7 +57,7 @@ def find_structure(plan: Plan) -> Structure | None:
             continue
         if _repeats(values, triggers, scale, n, len(stages)):
             first, later = stages[0].trigger, stages[n].trigger
-            return Structure(n, (tidy(difference(later[0], first[0])), tidy(difference(later[1], first[1]))))
+            return n, (tidy(difference(later[0], first[0])), tidy(difference(later[1], first[1])))
     return None
 
 

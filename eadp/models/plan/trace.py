@@ -10,7 +10,7 @@ from typing import NamedTuple
 from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.airspace import BOUNDARY, Airspace, entered
-from eadp.models.plan.cursor import PlanCursor, Rules, Vector
+from eadp.models.plan.cursor import PlanCursor, Rules, Vector, cursors
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import Route, RoutePredictor
 from eadp.models.plan.stage import Leg, leg_points
@@ -80,33 +80,21 @@ def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]
 
     Source: letter, Fig. 2 (the grey area).
     """
-    values, laps, predictor = tuple(values), [], RoutePredictor()
-    for before, legs in _laps(plan, parameters):
-        following: PlanCursor | None = PlanCursor.start(plan, values)
-        start = default_start(plan, values)[0]
-        if before is not None:
-            varied = before.decide(values).in_force(values)
-            following, start = varied.next(), varied.trigger_m()
-        lap: list[Leg] = []
-        while following is not None and len(lap) < legs:
-            lap.append(predictor.leg(following, start).first)
-            following, start = following.next(), lap[-1].end_m
-        laps.append(tuple(lap))
-    return tuple(laps)
-
-
-def _laps(plan: Plan, parameters: Sequence[float]) -> list[tuple[PlanCursor | None, int]]:
-    """For each lap of the nominal flight, the stage before it, None before the first, and its number of legs."""
-    laps: list[tuple[PlanCursor | None, int]] = []
+    values, predictor, laps = tuple(values), RoutePredictor(), list[list[Leg]]()
     before: PlanCursor | None = None
-    following: PlanCursor | None = PlanCursor.start(plan, parameters)
-    for _ in nominal_legs(plan, parameters):
-        assert following is not None
-        if before is None or (following.segment, following.lap) != (before.segment, before.lap):
-            laps.append((before, 0))
-        laps[-1] = laps[-1][0], laps[-1][1] + 1
-        before, following = following, following.next()
-    return laps
+    following: PlanCursor | None = None
+    for cursor, _ in zip(cursors(PlanCursor.start(plan, parameters)), nominal_legs(plan, parameters), strict=False):
+        if before is None or (cursor.segment, cursor.lap) != (before.segment, before.lap):
+            laps.append([])
+            following, start = PlanCursor.start(plan, values), default_start(plan, values)[0]
+            if before is not None:
+                varied = before.decide(values).in_force(values)
+                following, start = varied.next(), varied.trigger_m()
+        if following is not None:
+            laps[-1].append(predictor.leg(following, start).legs[0])
+            following, start = following.next(), laps[-1][-1].end_m
+        before = cursor
+    return tuple(map(tuple, laps))
 
 
 def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:

@@ -472,7 +472,7 @@ class Evaluator:
         rows = legs.order[legs.first].tolist()
         for row, route, leg_s in zip(rows, routes, whole_s[legs.first].tolist(), strict=True):
             if row not in left:
-                left[row] = self._left_of(known, route.first, leg_s * known.time.ratio)
+                left[row] = self._left_of(known, route.legs[0], leg_s * known.time.ratio)
         return np.array([left[row] for row in rows])
 
     def _left_of(self, known: Known, leg: Leg, leg_s: float) -> float:

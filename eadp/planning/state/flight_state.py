@@ -200,7 +200,7 @@ class FlightState:
         place.start(o)
         route = place.route
         if route is not None:
-            self._ground.start_leg(o.time_s, o.cursor, route.first.length_m)
+            self._ground.start_leg(o.time_s, o.cursor, route.legs[0].length_m)
             times_s, turning_s = route.times_s(o.cursor.airspeed_mps or cruise_mps, self.wind_mps)
             # mean tan² φ = ∫tan² φ dt / t
             slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0

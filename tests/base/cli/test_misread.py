@@ -100,6 +100,7 @@ def surveyed(**changed):
             "a wind of 20 m/s, no slower than the aircraft; expected less than its 15 m/s; 20 km/h are 5.56 m/s",
         ),  # km/h
         (surveyed(wind="4,2400"), 2, "a bearing of 2400°; expected 0 to 360"),
+        ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000"),
     ],
 )
 def test_what_was_probably_meant(eadp, arguments, code, said):
@@ -113,21 +114,6 @@ def test_what_was_probably_meant(eadp, arguments, code, said):
 def test_times_without_a_wind_are_for_calm_air(eadp):
     assert "wind       none: times are for calm air" in eadp(*surveyed(), "--format", "text").out
     assert "wind       4 m/s; times are in it" in eadp(*surveyed(wind="4,240"), "--format", "text").out
-
-
-@pytest.mark.parametrize(
-    ("body", "warning"),
-    [
-        ("battery: {capacity_ah: 850}", "2:11: warning: 850 Ah, which are"),
-        ("airframe: {model: power-curve, points: [[36, 15], [50, 20]]}", "2:32: warning: points from 36 to 50 m/s"),
-    ],
-)
-def test_an_aircraft_that_is_possible_and_unlikely(eadp, tmp_path, body, warning):
-    file = tmp_path / "v.yaml"
-    file.write_text(f"schema: eadp.vehicle/1\n{body}\n")
-    answer = eadp("vehicle", file)
-    assert answer.out
-    assert f"{file}:{warning}" in answer.err
 
 
 def test_a_field_is_covered_by_an_aircraft_that_can_fly_so(eadp, tmp_path):

@@ -1,4 +1,4 @@
-"""The computation energy model: power at a configuration, ranges, levels, findings."""
+"""The computation energy model: power at a configuration, ranges, levels."""
 
 from __future__ import annotations
 
@@ -101,24 +101,3 @@ def test_levels_are_within_the_bounds_and_hold_what_is_measured(lo: float, hi: f
             continue
         measured = {fps for (fps,) in made.configurations.tolist() if lo <= fps <= hi}
         assert measured <= set(levels)
-
-
-# findings
-
-
-@pytest.mark.parametrize("powers_w", [[1, 2, 3, 3], [3, 2, 2, 1], [2, 2, 2, 2]], ids=["rises", "falls", "is constant"])
-def test_monotone_power_has_no_findings(powers_w: list[float]) -> None:
-    assert profile(dict(zip([1, 2, 3, 4], powers_w, strict=True))).findings() == ()
-
-
-def test_a_plateau_at_the_top_is_found_at_its_end() -> None:
-    (finding,) = profile({1: 1, 2: 3, 3: 3, 4: 2}).findings()
-    assert finding.point == 2
-    assert "rises to 3 W at fps=3 and falls after it" in finding.message
-
-
-def test_a_turn_along_one_parameter_names_the_others() -> None:
-    points = np.array([[a, b] for a in (1, 2, 3) for b in (32, 448)])
-    turning = Profile(("fps", "keysize"), ("", ""), points, np.array([1.0, 2, 2, 5, 3, 4]))
-    (finding,) = turning.findings()
-    assert "not monotone in fps at keysize=448: it rises to 5 W at fps=2" in finding.message

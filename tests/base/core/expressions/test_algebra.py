@@ -101,10 +101,9 @@ def test_a_stage_as_sympy_has_it():
     assert latex[0].endswith(sympy.latex(circle.path))
 
 
-@pytest.mark.parametrize("text", ["((c1^10)^10)^10*c1", "c1 + " * 450 + "c1"])
-def test_what_is_too_large_for_sympy_is_refused(text):
+def test_what_is_too_large_for_sympy_is_refused():
     with pytest.raises(EadpError, match="too large for sympy: at most"):
-        remainder(read_expression(text))
+        remainder(read_expression("c1 + " * 450 + "c1"))
 
 
 @pytest.mark.parametrize(

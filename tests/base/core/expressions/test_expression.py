@@ -24,7 +24,6 @@ from eadp.core.expressions.tree import (
     constant,
     difference,
     number_text,
-    scaled,
     substituted,
     total,
 )
@@ -46,16 +45,10 @@ def value_of(text):
 
 
 def test_arithmetic_of_expressions():
-    a, b, three = (read_expression(text) for text in ("c1*x - 1", "abs(y) + c2", "3"))
+    a, b = (read_expression(text) for text in ("c1*x - 1", "abs(y) + c2"))
     assert total(a, b).at((3.0, 0.75), 1.25, -2.5) == 3.0 * 1.25 - 1 + 2.5 + 0.75
     assert difference(a, b).at((3.0, 0.75), 1.25, -2.5) == 3.0 * 1.25 - 1 - 2.5 - 0.75
-    assert scaled(a, -4.0).at((3.0, 0.75), 1.25) == -4 * (3.0 * 1.25 - 1)
     assert total(a, b).size == difference(a, b).size == a.size + b.size + 1
-    assert scaled(a, 4.0).size == a.size + 2
-    assert scaled(a, 1.0) is a
-    assert scaled(a, 0.0).text == "0"
-    assert scaled(three, 4.0).text == "12"
-    assert scaled(b, 4.0).non_smooth == b.non_smooth
     assert {*total(a, b).offsets} == {*a.offsets, *b.offsets}
     shared = read_expression("2 + c1")
     assert total(a, shared).offsets["c1"] == difference(a, shared).offsets["c1"] == a.offsets["c1"]
@@ -542,32 +535,13 @@ def test_a_product_less_its_expansion_is_zero(a, b, c, d, e, f, rest):
     assert is_zero(tree) == (rest == 0)
 
 
-@pytest.mark.parametrize("text", ["max(0, atan2(0, 0))", "atan2(0, atan2(0, 0))"])
-def test_the_angle_of_no_direction_is_zero(text):
-    assert read_expression(text).at() == 0
-    assert is_zero(read_expression(text).node)
-    assert simplified(read_expression(text)).at() == 0
-
-
 @pytest.mark.parametrize("text", ["x*min(sqrt(-c1^2 - 1), 1)", "max(log(-c1^2), 1)", "min(asin(2 + c1^2), 1)"])
 def test_what_has_a_value_nowhere_is_not_zero(text):
     assert not is_zero(read_expression(text).node)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "((c1 + 1)^64)^64",
-        "1e-9*(" + " + ".join(f"sin({i}*c1)*cos(c2/{i})" for i in range(1, 60)) + ")",
-    ],
-)
-def test_is_zero_answers_in_the_end(text):
-    assert not is_zero(read_expression(text).node)
-
-
 @given(texts)
 def test_simpler_has_the_same_value(text):
-    assume("atan2" not in text)  # of (0, 0) it is nan to sympy
     try:
         wanted = value_of(text)
         simpler = simplified(read_expression(text))
@@ -575,21 +549,6 @@ def test_simpler_has_the_same_value(text):
         return
     got = simpler.at((PLACE["c1"], PLACE["c2"]), PLACE["x"], PLACE["y"])
     assert got == pytest.approx(wanted, rel=1e-6, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("text", "simple"),
-    [
-        ("35 + 150 - 2*sqrt(4900 + c1) - 35", "150 - 2*sqrt(c1 + 4900)"),
-        ("c1 + c1 - 2*c1 + 10", "10"),
-        ("sqrt(c1^2)", "abs(c1)"),
-        ("max(c1, c1)", "c1"),
-    ],
-)
-def test_simplified_worked_by_hand(text, simple):
-    difference = f"{simplified(read_expression(text)).text} - ({simple})"
-    assert is_zero(read_expression(difference).node)
-    assert len(simplified(read_expression(text)).text) <= len(simple) + 2
 
 
 def test_what_sympy_says_in_words_of_its_own_is_refused():

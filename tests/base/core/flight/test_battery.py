@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from eadp.core.flight import current_slope_a_per_w, drain_per_s, max_power_w, min_voltage_v, undeliverable
+from eadp.core.flight import current_slope_a_per_w, drain_per_s, max_power_w, min_voltage_v
 
 EXACT = 1e-12
 SECOND = 1.0
@@ -53,10 +53,6 @@ def test_beyond_what_it_can_deliver_the_current_goes_on(voltage, resistance, exc
     power = largest_w(voltage, resistance) * (1 + 1e-9) + excess
     # of a power that is not delivered at all
     assert current_a(power, voltage, resistance) == pytest.approx(2 * power / voltage)
-
-
-def test_the_sentence_names_the_figures():
-    assert undeliverable(2000.0, 14.8, 0.05) == "2000.0 W exceeds the 1095.2 W that 14.8 V through 0.05 Ω can deliver"
 
 
 @given(voltages, st.floats(0, 0.2), st.floats(-0.9, 0.9))

@@ -83,14 +83,6 @@ def test_without_k_d_it_is_how_fast_the_desired_direction_turns(name, x, y, cour
     assert got == pytest.approx(turned / (2 * dt), rel=1e-4, abs=DIFFERENCE_RADPS)
 
 
-def test_off_the_path_it_points_back_to_it():
-    path, k_e = path_of("circle")
-    for position in ((150.0, 146.0), (-45.0, 300.0), (-45.0, 166.0)):
-        phi, gx, gy, *_ = path(*position)
-        direction = desired(path, position, k_e, 1)
-        assert phi * (direction @ [gx, gy]) < 0, "down φ outside, up φ inside"
-
-
 @pytest.mark.parametrize("k_d", [0.0, 1.0])
 def test_at_a_critical_point_the_heading_is_kept(k_d):
     path, k_e = path_of("circle")

@@ -144,12 +144,6 @@ def test_powprofilers_total_and_none_of_its_energy_and_charge() -> None:
     assert parse(profile_yaml(profile)) == profile
 
 
-def test_warning_of_power_that_turns_points_at_its_row() -> None:
-    assert warnings_of("fps,power_w\n10,3\n2,5\n4,7\n") == [
-        "4:1: warning: power is not monotone in fps: it rises to 7 W at fps=4 and falls after it; kept as measured"
-    ]
-
-
 # standard errors
 
 
@@ -390,14 +384,6 @@ def test_a_model_is_known_by_its_content_or_its_ending(tmp_path: Path) -> None:
 
 def test_names_for_a_model() -> None:
     assert parse(MODEL, "rate", "key").names == ("rate", "key")
-
-
-def test_warning_of_a_model_points_at_the_configuration() -> None:
-    model = MODEL.replace(", std_w: 0.125, samples: 3", "") + "  - {at: [12, 32], power_w: 9}\n"
-    assert warnings_of(model) == [
-        "10:5: warning: power is not monotone in fps at keysize=32: it rises to 9.5 W at fps=10 and falls "
-        "after it; kept as measured"
-    ]
 
 
 def changed(old: str, new: str) -> str:

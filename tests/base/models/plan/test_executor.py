@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
-from eadp.models.plan.cursor import LATCHED, LIVE, Rules, reaches, shift_at
+from eadp.models.plan.cursor import LATCHED, LIVE, PlanCursor, Rules, reaches, shift_at
 from eadp.models.plan.executor import (
     FIRED,
     PASS_P,
@@ -38,7 +38,7 @@ PUBLISHED = Rules(LIVE, box_triggers=True)
 
 
 def begun(plan, parameters=(), position=None, rules=FLOWN) -> PlanExecutor:
-    return PlanExecutor(plan, parameters, position or default_start(plan, parameters)[0], rules)
+    return PlanExecutor(PlanCursor.start(plan, parameters, rules), position or default_start(plan, parameters)[0])
 
 
 def polyline(*corners, step_m=STEP_M):
@@ -185,20 +185,6 @@ def test_published_triggers_are_a_box_and_can_be_missed():
 # --- the same in later laps -------------------------------------------------------------------------------------------
 
 
-TOWER = """\
-init:
-a = 0, 300
-b = 0, 400
-path:
-0.01; 90; (x - a)^2 + (y - b)^2 - 4900
-a, b + 70
-0.1; 90; x - a - 370
-a + 370, b + 400
-trig:
-3000, 4000
-"""
-
-
 def flown_laps(plan, laps, stages=0):
     """An itinerary at the start of a stage of a lap, by its triggers."""
     itinerary = begun(plan, (0.0,) * len(plan.parameters))
@@ -214,16 +200,6 @@ def test_a_line_of_a_later_lap_past_its_trigger(lap, off_m):
     x = -115 + 10 * lap + off_m
     _, y = first_change(itinerary, polyline((x, 146 + lap), (x, -80)))
     assert y == pytest.approx(-11 + lap, abs=STEP_M + NANOMETRE)
-
-
-@pytest.mark.parametrize("off_m", [-30, 40])
-def test_a_circle_far_from_the_first_laps(off_m):
-    itinerary = begun(plan_of(TOWER), (), (70.0, 0.0))
-    for _ in range(4):
-        to_next(itinerary)
-    assert (itinerary.cursor.lap, itinerary.cursor.offset_m) == (2, (600, 800))
-    x, y = first_change(itinerary, arc((600, 800), 70 + off_m, -5, 300))
-    assert math.degrees(math.atan2(y - 800, x - 600)) == pytest.approx(90, abs=0.51)
 
 
 @pytest.mark.parametrize("off_m", [-24, 24])
@@ -429,10 +405,6 @@ def test_a_parameter_waits_for_the_stage_before_the_first_whose_path_names_it():
     assert itinerary.cursor.offset_m == (22, 0)
 
 
-def test_a_plan_that_does_not_repeat_has_no_shift():
-    assert shift_at(plan_of(ROUND_AND_ON), ()) == (0, 0)
-
-
 # --- sets per stage ---------------------------------------------------------------------------------------------------
 
 
@@ -448,15 +420,6 @@ def test_a_decision_is_clipped_to_the_stages_set():
     assert itinerary.parameters == (3, 0), "the path waits for the next stage"
     to_next(itinerary)
     assert itinerary.parameters == (9, 3), "fixed here"
-
-
-def test_without_structure_stages_not_yet_begun_take_new_values():
-    text = "1; 90; x - c1\nc1, 0\n1; 90; x - c1\nc1, 300\n1; 90; x - c1\nc1, 900\n"
-    itinerary = begun(plan_of(text), (5.0,), (5.0, -100.0))
-    itinerary.decide((7.0,), (5.0, -50.0))
-    assert itinerary.trigger_m == (5, 0)
-    to_next(itinerary)
-    assert itinerary.trigger_m == (7, 300)
 
 
 def test_a_set_that_fixes_c1_where_no_path_names_it_does_not_part_the_stages():
@@ -647,7 +610,7 @@ def test_a_circle_that_is_moved_under_the_aircraft_is_passed_where_it_is_tested_
     fired = []
     for always in (False, True):
         rng, c1 = np.random.default_rng(seed), 0.0
-        executor = PlanExecutor(plan_of(MOVED_CIRCLE), (0.0,), (50.0, 0.0), Rules(LIVE))
+        executor = PlanExecutor(PlanCursor.start(plan_of(MOVED_CIRCLE), (0.0,), Rules(LIVE)), (50.0, 0.0))
         at, k = complex(50.0, 0.0), 0
         while k < 3000:
             k += 1

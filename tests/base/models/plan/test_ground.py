@@ -29,12 +29,12 @@ def on_paper(plan, start, decide, stop=None):
     log, predictor = ParameterLog(plan, cursor, joined), RoutePredictor()
     while True:
         route = predictor.route(cursor, joined)
-        leg = route.first
+        leg = route.legs[0]
         if stop is not None and time_s + leg.distance_m / SPEED_MPS > stop:
             flown_m = (stop - time_s) * SPEED_MPS
             (x, y), (ox, oy) = leg.start_m, leg.offset_m
             share = flown_m / leg.length_m
-            *_, ((px, py), _) = leg.track.points((x - ox, y - oy), flown_m, share, max(1, int(flown_m)))
+            px, py, _ = leg.track.points((x - ox, y - oy), flown_m, share, max(1, int(flown_m)))[-1]
             log.close(stop, ((px + ox, py + oy), SPEED_MPS))
             return log, stop
         time_s += leg.distance_m / SPEED_MPS
@@ -120,13 +120,13 @@ def test_a_log_that_is_kept_in_flight_is_the_one_of_the_metrics(seed):
     seen = 0
     while True:
         route = predictor.route(cursor, joined)
-        leg = predictor.leg(cursor, joined).first
+        leg = predictor.leg(cursor, joined).legs[0]
         kept.start_leg(time_s, cursor, leg.length_m)
         kept.hold(time_s, cursor, cursor.parameters)
         seen += 1
         if len(route.order) == 1:
             break
-        time_s, joined = time_s + route.first.distance_m / SPEED_MPS, route.first.end_m
+        time_s, joined = time_s + route.legs[0].distance_m / SPEED_MPS, route.legs[0].end_m
         cursor = cursor.decide(decide(time_s, cursor)).next()
     flown_ground = kept.until(time_s)
     times_s, _ = route.times_s(SPEED_MPS, (0.0, 0.0))

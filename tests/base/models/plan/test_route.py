@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import itertools
 import math
 import random
 from collections.abc import Iterator
@@ -20,7 +19,7 @@ from common.routes import Tracked
 from scipy.integrate import quad
 
 from eadp.cli.main import main
-from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
+from eadp.core.geometry.curves import CIRCLE, LINE
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
@@ -28,8 +27,8 @@ from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import MARGIN_M, RoutePredictor, end_on
-from eadp.models.plan.stage import Leg, left_m, leg_points
+from eadp.models.plan.route import RoutePredictor, end_on
+from eadp.models.plan.stage import left_m, leg_points
 from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
@@ -200,32 +199,15 @@ class Flown:
 
 def way(itinerary: PlanExecutor, begin) -> Iterator[tuple[tuple[float, float], float]]:
     """Points along a stage as it lies, from where it is joined to its trigger, and how far along it they are."""
-    (ox, oy), (tx, ty), stage = itinerary.cursor.offset_m, itinerary.trigger_m, itinerary.stage
-    local, end = (begin[0] - ox, begin[1] - oy), (tx - ox, ty - oy)
-    if stage.kind == LINE:
-        line = line_of(itinerary.path, local, stage.sense)
-        (px, py), (dx, dy), length = line.point_m, line.direction, line.progress_m(end)
-        count = max(1, math.ceil(length / STEP_M))
-        for along in (length * k / count for k in range(1, count)):
-            yield (px + along * dx + ox, py + along * dy + oy), along
-    elif stage.kind == CIRCLE:
-        circle = circle_of(itinerary.path, end, stage.sense)
-        first, sweep = circle.angle_rad(local), circle.sweep_rad(local, end)
-        length = sweep * circle.radius_m
-        count = max(4, math.ceil(length / STEP_M))
-        for share in (k / count for k in range(1, count)):
-            x, y = circle.point_at(first + circle.turn * sweep * share)
-            yield (x + ox, y + oy), length * share
-    else:
-        length, last = 0.0, local
-        for x, y in itertools.islice(points_along(itinerary.path, local, stage.sense, 0.2), 1, 4000):
-            length += math.dist(last, (x, y))
-            last = (x, y)
-            if math.dist(last, end) < 0.3:
-                break
-            yield (x + ox, y + oy), length
-        length += math.dist(last, end)
-    yield (tx, ty), length
+    offset, trigger = np.array(itinerary.cursor.offset_m), itinerary.trigger_m
+    track = itinerary.stage.track(itinerary.path, tuple(trigger - offset))
+    local = tuple(begin - offset)
+    length = float(track.ahead_m(local))
+    count = max(1, math.ceil(length / STEP_M))
+    points = track.points(local, length, 1.0, count)[1:-1, :2] + offset
+    for k, point in enumerate(points.tolist(), 1):
+        yield tuple(point), length * k / count
+    yield trigger, length
 
 
 def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN):
@@ -233,7 +215,7 @@ def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN):
 
     Returns the stages flown, and the route that is left at the start of each.
     """
-    itinerary, predictor = PlanExecutor(plan, parameters, start, rules), RoutePredictor()
+    itinerary, predictor = PlanExecutor(PlanCursor.start(plan, parameters, rules), start), RoutePredictor()
     decided, begin = tuple(parameters), start
     flights, forecasts = [], []
     for k in range(500):
@@ -302,7 +284,7 @@ def test_every_stage_tells_the_rest(make, first, stages, seed):
 def test_a_decision_where_sets_differ_between_stages():
     plan = nearly_a_point(plan_of(BOXES_DIFFER))
     start = (0.0, 0.0)
-    itinerary, predictor = PlanExecutor(plan, (20.0,), start, FLOWN), RoutePredictor()
+    itinerary, predictor = PlanExecutor(PlanCursor.start(plan, (20.0,), FLOWN), start), RoutePredictor()
     begin, course = start, predictor.route(itinerary.cursor, start)
     for k in range(6):
         for point, _ in way(itinerary, begin):
@@ -365,49 +347,6 @@ def test_before_the_latch_means_that_the_next_leg_has_what_is_decided_now(make):
         taken = [a != b for a, b in zip(course.parameters[1][:rho], kept.parameters[1][:rho], strict=True)]
         assert follower.cursor.accepts_changes() == any(taken)
         follower.next_stage()
-
-
-# --- courses kept -----------------------------------------------------------------------------------------------------
-
-
-def test_what_is_left_of_a_plan_flown_once_is_that_of_the_route_before():
-    plan = covered()
-    follower, start = begun(plan, (plan.hull(0).lo,))
-    predictor, before = RoutePredictor(), None
-    changes = {4: plan.hull(0).hi, 9: plan.hull(0).lo}
-    for number in range(14):
-        for beside_m in (0.0, 3.0):  # a stage that is joined elsewhere
-            joined_m = start[0], start[1] + beside_m
-            found, fresh = predictor.route(follower.cursor, joined_m), RoutePredictor().route(follower.cursor, joined_m)
-            assert np.array_equal(of_legs(found.legs), of_legs(fresh.legs))
-            assert found.parameters == fresh.parameters
-            assert (found.cursor, found.beyond_m) == (fresh.cursor, fresh.beyond_m)
-            assert np.array_equal(found.runs, fresh.runs)
-            assert np.array_equal(found.scales, fresh.scales)
-        if before is not None and number not in changes:
-            assert found.legs[-1] is before.legs[-1], "laid out once"
-        before = found
-        follower.next_stage()
-        start = found.legs[0].end_m
-        if number + 1 in changes:
-            follower.decide((changes[number + 1],))
-
-
-@pytest.mark.parametrize("make", [survey, with_computations])
-def test_after_is_the_course_from_the_next_stage(make):
-    plan = make()
-    parameters = (-150.0, 10.0)
-    follower, _ = begun(plan, parameters)
-    for _ in range(6):
-        course = follower.route(parameters)
-        follower.next_stage()
-        after, fresh = course.after(), follower.route(parameters)
-        alike(after.legs, fresh.legs)
-        assert after.parameters == fresh.parameters
-        wind = (2.0, 5.0)
-        for one, other in zip(after.times_s(15.0, wind), fresh.times_s(15.0, wind), strict=True):
-            assert one == pytest.approx(other, rel=1e-9)
-        assert after.stages.tolist() == course.stages.tolist()[1:]
 
 
 # --- times ------------------------------------------------------------------------------------------------------------
@@ -587,31 +526,3 @@ def test_an_end_that_is_passed_by_less_than_the_margin_is_none(c1):
         assert len(legs) >= len(exact)
         if (legs[-1].lap, legs[-1].stage) != (exact[-1].lap, exact[-1].stage):
             assert predictor.route((c1, 10.0), 0.5).legs[: len(exact) - 1] == legs[: len(exact) - 1]
-
-
-class _EachLap(RoutePredictor):
-    """Lays every lap out on its own."""
-
-    def _lap(self, cursor, start):
-        return None
-
-
-@pytest.mark.parametrize("c1", [0.0, -311.7, -1000.0])
-@pytest.mark.parametrize(("passed", "now"), [(0, -500.0), (9, -1000.0)])
-def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
-    """Also from the middle of a lap, and of another c1 than the one decided."""
-    plan = survey()
-    cursor = PlanCursor.start(plan, (now, 10.0))
-    start = default_start(plan, (now, 10.0))[0]
-    for _ in range(passed):
-        start, cursor = cursor.trigger_m(), cursor.next()
-    cursor = cursor.decide((c1, 10.0))
-    found, expected = (predictor.route(cursor, start, MARGIN_M) for predictor in (RoutePredictor(), _EachLap()))
-    assert any(not isinstance(piece, Leg) for piece in found.pieces)
-    assert [leg._replace(track=None) for leg in found.legs] == [leg._replace(track=None) for leg in expected.legs]
-    assert found.stages.tolist() == expected.stages.tolist()
-    assert found.parameters == expected.parameters
-    assert found.first == found.legs[0]
-    wind = (3.0, -4.0)
-    for ours, theirs in zip(found.times_s(15.0, wind), expected.times_s(15.0, wind), strict=True):
-        assert ours.tolist() == theirs.tolist()

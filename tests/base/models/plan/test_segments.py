@@ -109,7 +109,7 @@ def test_more_quantities_than_the_limit_are_refused():
 
 
 def test_where_others_tell_what_is_flown():
-    itinerary = PlanExecutor(plan_of(PARTS), (0.0, 10.0), (10.0, 0.0), Rules())
+    itinerary = PlanExecutor(PlanCursor.start(plan_of(PARTS), (0.0, 10.0), Rules()), (10.0, 0.0))
     stages = [itinerary.stage.index]
     ahead = {index: itinerary.stages_to(index) for index in range(len(plan_of(PARTS).stages) + 2)}
     while itinerary.skip((0.0, 0.0)):

@@ -11,17 +11,6 @@ from eadp.models.plan.trace import default_start, nominal_legs, trace, varied_le
 ON_CIRCLE = SHORT.replace("%: computations fps\n", "").replace("[2, 10]\n", "")
 
 
-def test_default_starts():
-    (x, y), heading = default_start(plan_of("0.1; 90; x\n0, 400\n"), ())
-    assert (x, y, heading) == pytest.approx((0, 300, math.pi / 2))
-    (x, y), heading = default_start(plan_of(ON_CIRCLE), (0.0,))
-    assert (x, y, abs(heading)) == pytest.approx((-45, 216, math.pi))
-    (x, y), heading = default_start(plan_of("0.1; 270; y-(x/50)^2\n100, 4\n"), ())
-    assert y == pytest.approx((x / 50) ** 2, abs=1e-6)
-    assert 99 < math.hypot(100 - x, 4 - y) <= 100.01
-    assert heading == pytest.approx(math.atan(2 * x / 2500), abs=1e-6)
-
-
 def test_a_plan_that_never_reaches_its_final_point_says_so():
     away = ON_CIRCLE.replace("180, 146", "-500, 146").replace("150 - 2*sqrt(4900 + c1)", "10")
     assert nominal_legs(plan_of(away), (0.0,))[-1].lap == 0, "beyond along the shift at once"

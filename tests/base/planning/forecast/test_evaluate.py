@@ -99,8 +99,7 @@ def test_the_first_leg_counts_as_far_as_it_is_left_and_the_ratio_of_times_scales
     assert scaled.load.times_s == pytest.approx(1.07 * whole.load.times_s)
     # a quarter of the way round the first circle
     (x, y), (ox, oy) = leg.start_m, leg.offset_m
-    quarter = list(leg.track.points((x - ox, y - oy), leg.distance_m, 1.0, 4))
-    (px, py), _ = quarter[1] if len(quarter) > 4 else quarter[0]
+    px, py, _ = leg.track.points((x - ox, y - oy), leg.distance_m, 1.0, 4)[1]
     position, flown_s = (px + ox, py + oy), float(whole.load.times_s[0]) / 4
     forecasting.known = known._replace(time_s=flown_s, position_m=position)
     later = forecasting.evaluator.evaluate(forecasting.known, whole.routes)

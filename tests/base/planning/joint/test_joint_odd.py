@@ -7,7 +7,7 @@ from common.plans import plan_of, survey
 
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
-from eadp.models.plan.cursor import Rules
+from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
@@ -110,7 +110,7 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
     plan = survey()
     battery = Battery(capacity_ah=0.6, letter_crate_per_h=20.0)
     pilot = planner_for(plan, (0.0, 10.0), battery=battery, start=(-45.0, 216.0))
-    executor, first = PlanExecutor(plan, (0.0, 10.0), (-45.0, 216.0), Rules()), (0.0, 10.0)
+    executor, first = PlanExecutor(PlanCursor.start(plan, (0.0, 10.0), Rules()), (-45.0, 216.0)), (0.0, 10.0)
 
     def seen(time_s, x_m, y_m, soc):
         joined_m, started = executor.joined_m, executor.stages_started
