@@ -14,7 +14,8 @@ from eadp.api.inputs import FlightInputs
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import Fault, InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, stated_parameters, wanted_parameters
-from eadp.exchange.writer import MappedItem, items_text, parse_items, read_items
+from eadp.exchange.items import MissionItem
+from eadp.exchange.writer import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.text.options import Flag
 from eadp.live.autopilot import ACCEPTED, CRITICAL, CommandedAirspeed, HeardAutopilot, Pilot
 from eadp.live.mavlink import COMPONENT, Link, Message, require_pymavlink, tlog_messages
@@ -240,13 +241,21 @@ class LinkFlight:
         count = values.get("item_count")
         if self._mission is None and self._exported is not None and count is not None:
             same = count == len(self._exported)
-            if not same:
-                self._lines.items = None
-                self._pilot.say(OTHER_MISSION)
-            elif not self._lines.flown:  # in flight as many items may be those of another mission
-                self._lines.items = self._exported
+            if not (same and self._lines.flown):  # in flight as many items may be those of another mission
+                self._follow_map(same=same)
         for reading in self._lines.update(values):
             self._replanner.take(reading)
+
+    def hold(self, items: Sequence[MissionItem]) -> None:
+        """Take the items of the mission that the autopilot holds, home aside, where something else reads them."""
+        if self._exported is not None:
+            self._follow_map(same=same_items([each.item for each in self._exported], items))
+
+    def _follow_map(self, *, same: bool) -> None:
+        """Find stages by the map from here on if the mission held is the `same`, else, with a warning, not."""
+        self._lines.items = self._exported if same else None
+        if not same:
+            self._pilot.say(OTHER_MISSION)
 
     def tick(self, now_s: float) -> None:
         """Do what is due by the time alone: a heartbeat, what is asked or commanded again with it, and the mission's.

@@ -17,7 +17,6 @@ from eadp.exchange.items import MissionItem
 from eadp.exchange.writer import read_items
 from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.messages import ACTIVE, IN_AIR, finite
-from eadp.live.recorded import MISSION
 from eadp.live.replanner import ReplanLog, hash_of
 
 MISSION_MODES = {"AUTO": "ardupilot", "AUTO.MISSION": "px4"}
@@ -115,7 +114,7 @@ class Core:
         items = [MissionItem(each.command, each.frame, _numbers(each)) for each in message.waypoints]
         home = len(items) - len(self._items) == 1
         with self._lock:
-            self._flight.update({MISSION: items[home:]})
+            self._flight.hold(items[home:])
         self._take({"home_is_item": home, "item": message.current_seq})
 
     def reached(self, name: str, message: Any) -> None:

@@ -310,7 +310,6 @@ def test_round_after_round_of_fit_and_export_flies_the_same(eadp, tmp_path):
         {"airspeed_validated": {"true_airspeed_m_s": 15.0}, "vehicle_global_position": {"alt": 2000.0}},
         {"ARSP": {"Airspeed": 13.596}, "CTUN": {"E2T": 15 / 13.596}},
         {"CTUN": {"As": 13.596}, "POS": {"Alt": 2000.0}},
-        {"VFR_HUD": {"airspeed": 13.596}, "POS": {"Alt": 2000.0}},
     ],
 )
 def test_airspeeds_of_logs_become_true(tables):
