@@ -55,7 +55,7 @@ def test_the_cut_off_voltage_is_an_empty_battery(root):
     summary = flight.summary
     assert not summary["completed"]
     assert summary["reason"].startswith("battery empty: ")
-    assert "cut-off voltage (14 V under load)" in summary["reason"]
+    assert "cut-off voltage allows" in summary["reason"]
     assert summary["battery_limit"] == "cut-off voltage"
     # 14 V at the terminals and I = y/14 through 0.05 Ω
     volts = 12.8 + 4.0 * summary["soc_final"]
