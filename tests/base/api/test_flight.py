@@ -10,7 +10,7 @@ from eadp.api.flight import _copy_inputs, fly_flight
 from eadp.api.inputs import load_flight
 from eadp.io.text.streams import Text
 from eadp.papers.estimator import PowerEstimate
-from eadp.planning.base import DecisionRecord, Ending
+from eadp.planning.base import DecisionRecord, Ending, HomeRecord
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +34,8 @@ def test_each_decision_is_a_line(written):
     folder, flight = written["joint"]
     rows = [json.loads(line) for line in (folder / "decisions.jsonl").read_text(encoding="utf-8").splitlines()]
     assert len(rows) == len(flight.decisions) > 2
-    at = DecisionRecord._fields.index("ending")
-    keys = [*DecisionRecord._fields[:at], *Ending._fields, *DecisionRecord._fields[at + 1 :]]
+    parts = {"ending": Ending._fields, "home": HomeRecord._fields}
+    keys = [key for field in DecisionRecord._fields for key in parts.get(field, (field,))]
     for row, record in zip(rows, flight.decisions, strict=True):
         assert list(row) == keys
         assert row["time_s"] == pytest.approx(record.time_s, abs=1e-9)

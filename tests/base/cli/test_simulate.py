@@ -373,4 +373,4 @@ def test_a_turn_that_is_never_got_past_has_its_line(eadp, tmp_path):
     mission.write_text("QGC WPL 110\n" + "".join(rows))
     answer = eadp("simulate", mission, "--set", "time_limit_s=200", "--planner", "static")
     assert answer.code == 1
-    assert "\nforecast   finishes: 0 % sure, never past item 2\nNOT completed: time limit" in answer.out
+    assert "\nforecast   finishes: 0 % sure, never past item 6\nNOT completed: time limit" in answer.out
