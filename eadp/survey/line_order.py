@@ -25,6 +25,9 @@ from eadp.core.arrays import FloatArray, IntArray
 EXACT_LINES = 14
 """Up to this many lines `best_order` is exact."""
 
+MAX_SKIP = 12
+"""Largest distance, besides half the field, between consecutive lines in the orders of `_sequences`."""
+
 NEIGHBOURS = 10
 """Number of the cheapest successors of a line that the local search tries."""
 
@@ -87,8 +90,8 @@ def quick_order(
 
     Notes
     -----
-    The lines should be numbered across the field. Boustrophedon orders and orders in blocks, which skip lines, are then
-    those tried. Each has its best directions, and the cheapest is improved once.
+    The lines should be numbered across the field. Boustrophedon orders, orders that skip lines and orders in blocks are
+    then those tried. Each has its best directions, and the cheapest is improved once.
 
     Source: Bochtis and Vougioukas 2008 for orders that skip.
     """
@@ -178,10 +181,24 @@ def _held_karp(problem: _Problem) -> list[int]:
 
 def _sequences(lines: int) -> IntArray:
     """Orders of lines 0..n−1 without directions, shape (k, n): each also from the field's other side, and backwards."""
-    skips = range(2, (lines + 1) // 2 + 1)
-    one_side = np.array([range(lines), *(_blocks(lines, 2 * skip) for skip in skips)], dtype=np.intp)
+    half = (lines + 1) // 2
+    found: dict[tuple[int, ...], None] = {tuple(range(lines)): None}  # a set that keeps its order
+    for skip in range(2, min(lines - 1, MAX_SKIP) + 1):
+        for sequence in (_passes(lines, skip, False), _passes(lines, skip, True), _blocks(lines, 2 * skip)):
+            found[tuple(sequence)] = None
+    # wide skips: the field, or half of it, divided evenly into 1, 2, … blocks, down to the widths above
+    for count in range(1, 1 + -(-lines // (2 * MAX_SKIP))):
+        found[tuple(_blocks(lines, -(-lines // count)))] = None
+        found[tuple(_passes(lines, -(-half // count), False))] = None
+    one_side = np.array(list(found), dtype=np.intp)
     both_sides = np.concatenate([one_side, lines - 1 - one_side])
     return np.concatenate([both_sides, both_sides[:, ::-1]])
+
+
+def _passes(lines: int, skip: int, back: bool) -> list[int]:
+    """Every `skip`-th line from line 0, then from line 1, and so on; with `back`, every second pass is backwards."""
+    passes = [range(start, lines, skip) for start in range(skip)]
+    return [line for i, one in enumerate(passes) for line in (reversed(one) if back and i % 2 else one)]
 
 
 def _blocks(lines: int, size: int) -> list[int]:
