@@ -524,7 +524,8 @@ def _with_energy(
             return found
         ends.append(replace(end, energy_wh=forecast.forecast.energy_wh))
         turns_back_soc = max(turns_back_soc, forecast.turns_back_soc)
-        found = replace(found, aircraft=setting_text(inputs.scenario))
+        slower = inputs.at_min_energy() if end.c1 == 0 else found.slower
+        found = replace(found, aircraft=setting_text(inputs.scenario), slower=slower)
     return replace(found, ends=tuple(ends), pack=found.pack and found.pack._replace(turns_back_soc=turns_back_soc))
 
 

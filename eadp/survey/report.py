@@ -23,12 +23,14 @@ from eadp.core.geometry.polygons import (
     inner_point,
     uncovered,
 )
+from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
 from eadp.models.airspace import CLEARANCE_M, Field
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
+from eadp.planning.forecast.held import Preflight
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
 from eadp.survey.heights import HeightProfile
@@ -283,6 +285,8 @@ class CoveragePlan:
     autopilot : Autopilot
     aircraft : str
         What the energy is of.
+    slower : Preflight or None
+        The flight at c1 = 0 with the least energy, where the airspeed can be decided.
     """
 
     plan: Plan
@@ -296,6 +300,7 @@ class CoveragePlan:
     heights: Heights | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
     aircraft: str = ""
+    slower: Preflight | None = None
 
     @property
     def full(self) -> PathReport:
@@ -340,6 +345,13 @@ class CoveragePlan:
         return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
 
     @property
+    def _slower(self) -> dict[str, Any] | None:
+        if self.slower is None or not self.slower.airspeeds_mps:
+            return None
+        ending, airspeeds_mps = self.slower.forecast, list(self.slower.airspeeds_mps)
+        return {"airspeeds_mps": airspeeds_mps, "time_s": ending.remaining_s, "energy_wh": ending.energy_wh}
+
+    @property
     def _min_radius_m(self) -> float:
         """The smallest radius of its turns [m]; infinite without one."""
         return min(end.path.min_radius_m for end in self.ends)
@@ -378,6 +390,7 @@ class CoveragePlan:
             **energy,
             "side_overlap": self._side_overlaps,
             "batteries": self._batteries,
+            "slower": self._slower,
             **pictures_document(self.pictures),
             "terrain": None if self.heights is None else HeightReport([self.heights], *self.on_ground).document(),
         }
@@ -436,6 +449,11 @@ class CoveragePlan:
             until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
             gives = f"a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once"
             lines.append(f"batteries  {packs}; {gives}")
+        if (slower := self._slower) is not None:
+            least = f"{slower['time_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
+            lines.append(
+                f"slower     {airspeeds_text(slower['airspeeds_mps'])}: {least}; flown where the charge is short"
+            )
         return lines
 
     def _climb_text(self) -> list[str]:
