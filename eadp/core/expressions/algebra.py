@@ -18,6 +18,9 @@ from eadp.errors import EadpError, ExpressionError, printable
 SIZE_LIMIT = 400
 """Most nodes of a tree that is given to sympy."""
 
+DEGREE_LIMIT = 1000
+"""Highest power that exponents within exponents may make of a part of such a tree."""
+
 TERMS_LIMIT, DEGREE_KEPT, MAX_WHOLE = 300, 16, 10**1000
 """Bounds of what is multiplied out: the number of terms, the powers of sums, the whole numbers in fractions."""
 
@@ -191,6 +194,26 @@ def cancels(expression: Expression) -> bool:
         return False
 
 
+def _degree(node: Node) -> float:
+    """A bound of the powers in a tree multiplied out; a function counts as its argument, as sympy brings roots out."""
+    parts = []
+    for part in tree.children(node):
+        parts.append(_degree(part))
+    if isinstance(node, tree.Product):
+        return sum(parts)
+    if isinstance(node, tree.Power):
+        return parts[0] * _power(node)
+    return max(parts, default=1.0)
+
+
+def _power(node: tree.Power) -> float:
+    """What a power does to the degree of its base: 1 where the exponent is no number."""
+    try:
+        return max(1.0, abs(tree.evaluation(node.exponent)({})))
+    except (KeyError, ArithmeticError, ValueError):
+        return 1.0
+
+
 def from_sympy(result: Any) -> Expression:
     """An expression from a sympy tree, read back through the reader so that every check holds.
 
@@ -225,7 +248,7 @@ class SymbolicStage:
         Raises
         ------
         EadpError
-            If sympy cannot be imported, or an expression is beyond the limit above.
+            If sympy cannot be imported, or an expression is beyond the limits above.
         """
         return cls(_limited(path), load_sympy().Matrix([_limited(part) for part in trigger]))
 
@@ -266,9 +289,10 @@ class SymbolicStage:
 
 
 def _limited(expression: Expression) -> Any:
-    """`to_sympy` of an expression within the limit above."""
-    if expression.size > SIZE_LIMIT:
-        raise EadpError(f"{printable(expression.text, 60)} is too large for sympy: at most {SIZE_LIMIT} parts")
+    """`to_sympy` of an expression within the limits above."""
+    if expression.size > SIZE_LIMIT or _degree(expression.node) > DEGREE_LIMIT:
+        what = f"at most {SIZE_LIMIT} parts, and powers of {DEGREE_LIMIT}"
+        raise EadpError(f"{printable(expression.text, 60)} is too large for sympy: {what}")
     return to_sympy(expression.node)
 
 
