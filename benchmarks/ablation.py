@@ -105,7 +105,7 @@ VARIANTS: Mapping[str, Variant] = {
     "no wait after a fall (`SETTLED_S` = 0)": Variant(((policy, "SETTLED_S", 0.0),)),
     "paths searched to the end (`LAST_CHANGE_S` = 0)": Variant(((planner, "LAST_CHANGE_S", 0.0),)),
     "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", _no_effect),)),
-    "an exact gauge": Variant(((Evaluator, "_gain_std", lambda *_: 0.0),)),
+    "an exact gauge": Variant(((Evaluator, "gain_std", lambda *_: 0.0),)),
 }
 
 

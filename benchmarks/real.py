@@ -90,7 +90,7 @@ HUNT = (
     ("H8 WPL 120", "plan wpl120.txt", 0, "5 stages"),
     ("H9 longitudes and latitudes", "cover dateline.geojson --swath 20", 0, "28 lines"),
     ("H9 longitudes and latitudes", "cover north.geojson --swath 20", 2, "above 85° nothing is planned"),
-    ("H10 tables of other programs", "cover field.poly --swath 20", 0, "Covers field.poly"),
+    ("H10 tables of other programs", "cover field.poly --swath 20", 0, "%: swath 20"),
     ("H10 tables of other programs", "cover wkt.csv --swath 20", 2, "geometries as WKT"),
     ("H11 degrees or metres", "cover degrees.csv --swath 20", 2, "may be degrees or metres"),
     ("H12 computers", "profile agx_slow.log agx_fast.log --config fps=2 --config fps=10", 0, "(?s)2 +6.37.*10 +12.2"),
