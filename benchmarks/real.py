@@ -67,7 +67,7 @@ REFUSED = {
     "UCM-237_f748d_MAV08_no_fly_boundaries.kml": "no polygon, only open lines and points",
     "brainstable_8b436_forestbelts.geojson": "no columns of vertices",
     "click-lhwan_f96b9_parcels.geojson": "5 features with polygons",
-    "jschall_d5e63_test.tlog": "as of a telemetry log",
+    "jschall_d5e63_test.tlog": "is not UTF-8 text",
     "mavlink_57f7f_qgroundcontrol_sample_with_structured_scan.plan": "a StructureScan",
     "qgroundcontrol_sample_wrong_mission_version.plan": "mission.version: 7 is not known",
 }

@@ -13,6 +13,7 @@ from typer import Argument
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, Infeasible
 from eadp.io.text.options import Flag
+from eadp.io.text.streams import check_new_folder, output_file
 from eadp.survey.cover import cover
 from eadp.survey.options import CoverageOptions
 from eadp.survey.sorties import SortieOptions
@@ -82,22 +83,21 @@ def command(
         if plot is not None:
             raise usage_fault("--plot", plot, "beside sorties", "-o DIR, whose folder has a picture")
         if out is not None:
-            from eadp.io.text.streams import check_new_folder
-
             check_new_folder(out, force=output.force)
     if plot is not None:
         from eadp.io.figures.canvas import check_figure_name
 
         check_figure_name(plot)
-    taken = [] if file == "-" else [os.path.realpath(file)]
+    taken = [] if file == "-" or "\0" in file else [os.path.realpath(file)]
     for option, path in (("--out", None if divided else out), ("--plot", plot)):
         if path is None or path == "-":
             continue
         if not Path(path).absolute().parent.is_dir():
             raise usage_fault(option, path, "no such folder", "a file in an existing folder")
-        if os.path.realpath(path) in taken:
+        written = str(output_file(path))
+        if written in taken:
             raise usage_fault(option, path, "is the field's own file, or the plan's", "a file of its own")
-        taken.append(os.path.realpath(path))
+        taken.append(written)
     name = "<stdin>" if file == "-" else file
     files = {"profile": given.profile, "scenario": given.scenario, "vehicle": given.vehicle}
     if divided:

@@ -537,7 +537,7 @@ def read_field_text(path: str) -> Text:
     """
     if path.lower().endswith(".shp"):
         raise InputError.at(path, 1, 1, "is a shapefile, which is not read", _AS_GEOJSON.format(path))
-    if not zipfile.is_zipfile(path):
+    if not (os.path.isfile(path) and zipfile.is_zipfile(path)):  # a pipe is read once
         return read_text(path)
     try:
         with zipfile.ZipFile(path) as archive:
