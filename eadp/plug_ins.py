@@ -10,6 +10,7 @@
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `measurers` | `command` | what `eadp profile --measure` runs |
 | `recordings` | `power` | reads what programs record of a computer's power, for `eadp profile` |
+| `log_tables` | `autopilot` | reads topics of an autopilot's log as tables, for `eadp replan` and sorties |
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
 | `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
@@ -64,6 +65,7 @@ OWN: dict[str, dict[str, str]] = {
     },
     "measurers": {"command": "eadp.measure.measuring:measure_profile"},
     "recordings": {"power": "eadp.measure.recordings:read_recording"},
+    "log_tables": {"autopilot": "eadp.measure.autopilot_logs:read_tables"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.recorded:flown_track"},
     "jobs": {"sorties": "eadp.survey.folder:SORTIE_JOBS"},

@@ -19,7 +19,7 @@ import pytest
 from common import few
 
 from eadp.errors import InputError
-from eadp.io import logs as messages
+from eadp.measure import autopilot_logs as messages
 from eadp.measure.battery import BatteryOptions, read_battery_fit
 from eadp.measure.formats import is_dataflash_text, read_power_log
 from eadp.measure.power_log import Columns, PowerLog
@@ -33,7 +33,7 @@ N = 40
 @pytest.fixture(autouse=True)
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs are read in this process, which takes a tenth of the time, where the process is not the subject."""
-    one, opened = importlib.import_module("eadp.io.autopilot_process"), []
+    one, opened = importlib.import_module("eadp.measure.autopilot_process"), []
 
     def kept_open(*given: Any) -> Any:
         opened.append(open(*given))  # noqa: SIM115
@@ -287,12 +287,6 @@ def test_dataflash_of_whole_numbers_is_in_hundredths(tmp_path: Path) -> None:
     ]
     log = read_power_log(stored(tmp_path, "flight.log", "\n".join(old).replace("QBfff", "Ihhf") + "\n"))
     np.testing.assert_allclose(log.power_w, [2 * (15 + i / 8) for i in range(N)], rtol=1e-3)
-
-
-def test_a_telemetry_log_is_no_log_of_power(tmp_path: Path) -> None:
-    frame = (1_700_000_000_000_000).to_bytes(8, "big") + bytes((0xFE, 9, 0, 1, 1, 0, *range(11)))
-    with pytest.raises(InputError, match="as of a telemetry log"):
-        read_power_log(stored(tmp_path, "flight.tlog", 50 * frame))
 
 
 def test_dataflash_text_is_told_from_a_table() -> None:
