@@ -88,9 +88,6 @@ OWN: dict[str, dict[str, str]] = {
 """Those of eadp, imported when they are needed: module and name within it, by kind and name."""
 
 
-KINDS = (*OWN, "airframes", "batteries", "coverage_patterns", "log_formats", "mission_formats", "mission_writers")
-"""All kinds."""
-
 DECIDING = ("airframes", "batteries", "estimators", "jobs", "mission_formats", "plan_sources", "planners")
 """Kinds of which a flight's result depends on what is installed."""
 
@@ -142,19 +139,6 @@ def _loaded(found: Any) -> Any:
     except Exception as error:  # of somebody else's code
         what = f"{found.value} of the entry points {found.group}: {type(error).__name__}: {printable(str(error))}"
         raise EadpError(f"{found.name} cannot be imported: {what}") from error
-
-
-def blame(error: BaseException) -> str:
-    """Whose fault an error is: the other package's whose code it came through, by name and version, or eadp's."""
-    points = (each for kind in KINDS for each in _entry_points(kind))
-    added = {each.module.partition(".")[0]: each.dist for each in points}
-    place = error.__traceback__
-    while place is not None:
-        dist = added.get(str(place.tb_frame.f_globals.get("__name__")).partition(".")[0])
-        if dist is not None:
-            return f"a bug in the package {dist.name} {dist.version}"
-        place = place.tb_next
-    return "a bug in eadp"
 
 
 @cache
