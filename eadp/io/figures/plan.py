@@ -36,9 +36,10 @@ from eadp.io.figures.canvas import (
     write_none,
 )
 from eadp.io.flight import flown_lines, flown_of_plan
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Leg, leg_points, point_at
-from eadp.models.plan.trace import nominal_legs, varied_legs
+from eadp.models.plan.trace import PlanReplay, nominal_legs, varied_legs
 from eadp.models.world import Step, World
 from eadp.planning.base import INFEASIBLE, JUMPED, TURNS_BACK, DecisionRecord
 
@@ -155,7 +156,7 @@ def write_flight_figure(
         lost = [record for record in records if record.cause == JUMPED]
         _draw_path(map_axes, world, steps, summary["turned_back_s"])
         if lost:
-            _draw_answer(map_axes, steps, lost)
+            _draw_answer(map_axes, world, steps, lost)
         if summary["turned_back_m"] is not None:
             map_axes.plot(
                 *summary["turned_back_m"], "X", color=COLOURS[6], markersize=9, label="turned back home", zorder=6
@@ -221,8 +222,13 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: f
         axes.text(0.90, 0.05, f"wind {span_text(world.wind.speeds_mps)} m/s", transform=axes.transAxes, **style)
 
 
-def _draw_answer(axes: Axes, steps: Sequence[Step], lost: Sequence[DecisionRecord]) -> None:
-    """What was decided at losses of charge, in its words."""
+def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence[DecisionRecord]) -> None:
+    """What was decided at losses of charge, in its words, and the path that was planned before the last of them."""
+    rows = ((step.time_s, step.stage, step.x_m, step.y_m, step.parameters) for step in steps)
+    replay = PlanReplay(PlanCursor.start(world.plan, world.parameters, world.rules), world.start.position_m, rows)
+    style: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "dashes": (3, 3), "label": "plan before the loss"}
+    for leg in replay.before(lost[-1].time_s):
+        axes.plot(*leg_points(leg, max(leg.distance_m / 40, 1.0)).T[:2], zorder=1, **style)
     callouts = []
     for record in lost:
         step = min(steps, key=lambda step: abs(step.time_s - record.time_s))
