@@ -10,6 +10,7 @@
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `measurers` | `command` | what `eadp profile --measure` runs |
 | `recordings` | `power` | reads what programs record of a computer's power, for `eadp profile` |
+| `log_tables` | `autopilot` | reads topics of an autopilot's log as tables, for `eadp replan` and sorties |
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
 | `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
@@ -64,6 +65,7 @@ OWN: dict[str, dict[str, str]] = {
     },
     "measurers": {"command": "eadp.measure.measuring:measure_profile"},
     "recordings": {"power": "eadp.measure.recordings:read_recording"},
+    "log_tables": {"autopilot": "eadp.measure.autopilot_logs:read_tables"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.recorded:flown_track"},
     "jobs": {"sorties": "eadp.survey.folder:SORTIE_JOBS"},
@@ -85,9 +87,6 @@ OWN: dict[str, dict[str, str]] = {
 }
 """Those of eadp, imported when they are needed: module and name within it, by kind and name."""
 
-
-KINDS = (*OWN, "airframes", "batteries", "coverage_patterns", "log_formats", "mission_formats", "mission_writers")
-"""All kinds."""
 
 DECIDING = ("airframes", "batteries", "estimators", "jobs", "mission_formats", "plan_sources", "planners")
 """Kinds of which a flight's result depends on what is installed."""
@@ -140,19 +139,6 @@ def _loaded(found: Any) -> Any:
     except Exception as error:  # of somebody else's code
         what = f"{found.value} of the entry points {found.group}: {type(error).__name__}: {printable(str(error))}"
         raise EadpError(f"{found.name} cannot be imported: {what}") from error
-
-
-def blame(error: BaseException) -> str:
-    """Whose fault an error is: the other package's whose code it came through, by name and version, or eadp's."""
-    points = (each for kind in KINDS for each in _entry_points(kind))
-    added = {each.module.partition(".")[0]: each.dist for each in points}
-    place = error.__traceback__
-    while place is not None:
-        dist = added.get(str(place.tb_frame.f_globals.get("__name__")).partition(".")[0])
-        if dist is not None:
-            return f"a bug in the package {dist.name} {dist.version}"
-        place = place.tb_next
-    return "a bug in eadp"
 
 
 @cache

@@ -16,7 +16,7 @@ import typer.core
 from eadp import __version__
 from eadp.cli.output import escaped, faults_text, grouped
 from eadp.errors import EadpError, InputError, printable
-from eadp.plug_ins import added_names, blame, plug_in
+from eadp.plug_ins import added_names, plug_in
 
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 
@@ -181,9 +181,7 @@ def main(arguments: list[str]) -> int:
         if _follows_interrupt(error):
             return _interrupted()
         what = f"{type(error).__name__}: {error}"
-        print(  # noqa: T201
-            f"eadp: this is {blame(error)}, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr
-        )
+        print(f"eadp: this is a bug, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr)  # noqa: T201
         return BUG
 
 
@@ -228,24 +226,12 @@ def _usage(error: Exception) -> int:
     if type(error).__name__ == "MissingParameter":  # the first line of each command's help is an example
         example = (error.ctx.command.help or "").partition("\n")[0]  # type: ignore[attr-defined]
         message = f"{message} {example}"
-    if type(error).__name__ == "NoSuchOption":
-        message = _pipe(error) or message
     sys.stderr.write(_plain(message))
     return BAD_INPUT
 
 
 def _plain(message: str) -> str:
     return escaped(f"eadp: error: {message}\n")
-
-
-def _pipe(error: Any) -> str:
-    """What to type in place of an option that `eadp plan` has for all commands that read a plan; else empty."""
-    from eadp.cli.plan import CHANGES
-
-    name = error.option_name
-    if name.lstrip("-") not in CHANGES or all(each.metavar != "PLAN" for each in error.ctx.command.params):
-        return ""
-    return f"{name} is an option of eadp plan: eadp plan PLAN {name} … | eadp {error.ctx.info_name} -"
 
 
 def _debug() -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import math
 import os
 from collections.abc import Callable
 from functools import cache
@@ -26,30 +25,18 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _on = False
 _registered: set[Callable[..., Any]] = set()
-MEMORY_BYTES = 1 << 30
-"""Least address space: the compiler ends a process that has no memory left."""
 
 
 @cache
 def available() -> bool:
     """Whether functions can be compiled; imports numba."""
-    if importlib.util.find_spec("numba") is None or _address_space() < MEMORY_BYTES:
+    if importlib.util.find_spec("numba") is None:
         return False
     try:
         importlib.import_module("numba")
     except Exception:  # for example built for another numpy: numba is optional
         return False
     return True
-
-
-def _address_space() -> float:
-    """Limit of this process's address space [bytes]."""
-    try:
-        import resource
-    except ImportError:  # a system without such limits
-        return math.inf
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
 def enable(on: bool = True) -> bool:

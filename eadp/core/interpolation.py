@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
 
 Point = tuple[float, ...]
@@ -191,7 +191,7 @@ def _piece(points: FloatArray, values: FloatArray, kind: Kind) -> _Piece:
     levels = [np.unique(column) for column in points.T]
     if len(points) == math.prod(map(len, levels)):
         return _Grid(tuple(map(_floats, levels)), _floats(values))
-    return _scattered(points, values)
+    return _Scattered(points, values)
 
 
 @dataclass(frozen=True)
@@ -250,65 +250,43 @@ def _pchip(knots: FloatArray, values: FloatArray) -> _Cubic:
     return _Cubic(_floats(knots), _floats(values), rows)
 
 
-@dataclass(frozen=True)
 class _Scattered(_Piece):
-    """Barycentric over the Delaunay simplices of n points in d coordinates, scaled to 0..1.
+    """Barycentric over the Delaunay simplices of n points in d coordinates, scaled to 0..1."""
 
-    `transforms` (s, d, d) and `origins` (s, d) give the first d barycentric weights in each of s simplices;
-    `vertices` (s, d+1) the indices of their points.
-    """
+    def __init__(self, points: FloatArray, values: FloatArray) -> None:
+        from scipy.spatial import Delaunay, QhullError
 
-    points: FloatArray
-    values: FloatArray
-    lower: FloatArray
-    span: FloatArray
-    vertices: IntArray
-    transforms: FloatArray
-    origins: FloatArray
+        self._points, self._values = points, values
+        self._lower, self._span = points.min(axis=0), np.ptp(points, axis=0)
+        scaled = self._scaled(points)
+        flat = "the configurations are no full grid and lie on one line (or plane)"
+        if np.linalg.matrix_rank(scaled - scaled.mean(axis=0), tol=1e-6) < points.shape[1]:
+            raise Infeasible(flat)
+        try:
+            self._mesh = Delaunay(scaled)
+        except QhullError:
+            raise Infeasible(flat) from None
 
     def at(self, point: Sequence[float]) -> float:
-        simplex, weights = self._weights((np.array(point) - self.lower) / self.span)
-        if weights.min() < -EDGE:
+        scaled = self._scaled(point)
+        simplex = self._mesh.find_simplex(scaled, tol=EDGE)
+        if simplex < 0:
             raise Infeasible(f"{tuple(point)} is outside the hull of the measured configurations")
-        inside = np.maximum(weights, 0.0)
-        return float(inside @ self.values[self.vertices[simplex]] / inside.sum())
+        # λ = T (x − r) for the first d, the last makes the sum 1
+        *rows, origin = self._mesh.transform[simplex]
+        first = rows @ (scaled - origin)
+        weights = np.maximum([*first, 1.0 - first.sum()], 0.0)
+        return float(weights @ self._values[self._mesh.simplices[simplex]] / weights.sum())
 
     def nearest(self, point: Sequence[float]) -> Sequence[float]:
-        scaled = (np.array(point) - self.lower) / self.span
-        if self._weights(scaled)[1].min() >= -EDGE:
+        scaled = self._scaled(point)
+        if self._mesh.find_simplex(scaled, tol=EDGE) >= 0:
             return point
-        return _floats(self.lower + self.span * self.points[np.argmin(np.sum((self.points - scaled) ** 2, axis=1))])
+        return _floats(self._points[np.argmin(np.sum((self._scaled(self._points) - scaled) ** 2, axis=1))])
 
-    def _weights(self, scaled: FloatArray) -> tuple[int, FloatArray]:
-        """The simplex that holds a point, or is nearest to it, and the point's d + 1 weights there."""
-        # λ = T (x − r) for the first d, the last makes the sum 1
-        first = np.einsum("sij,sj->si", self.transforms, scaled - self.origins)
-        weights = np.column_stack((first, 1.0 - first.sum(axis=1)))
-        # a point is in the simplex where none of its weights is negative
-        best = int(np.argmax(weights.min(axis=1)))
-        return best, weights[best]
-
-
-def _scattered(points: FloatArray, values: FloatArray) -> _Scattered:
-    from scipy.spatial import Delaunay, QhullError
-
-    flat = "the configurations are no full grid and lie on one line (or plane)"
-    lower, span = points.min(axis=0), np.ptp(points, axis=0)
-    scaled = (points - lower) / span
-    d = points.shape[1]
-    if np.linalg.matrix_rank(scaled - scaled.mean(axis=0), tol=1e-6) < d:
-        raise Infeasible(flat)
-    try:
-        triangles = Delaunay(scaled)
-    except QhullError:
-        raise Infeasible(flat) from None
-    transform = np.asarray(triangles.transform, dtype=np.float64)
-    # points on one circle can leave simplices without a volume, which hold nothing
-    solid = np.all(np.isfinite(transform), axis=(1, 2))
-    if not solid.any():
-        raise Infeasible(flat)
-    vertices = np.asarray(triangles.simplices, dtype=np.intp)[solid]
-    return _Scattered(scaled, values, lower, span, vertices, transform[solid, :d], transform[solid, d])
+    def _scaled(self, points: ArrayLike) -> FloatArray:
+        scaled: FloatArray = (np.asarray(points) - self._lower) / self._span
+        return scaled
 
 
 def _floats(values: ArrayLike) -> Point:

@@ -18,7 +18,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from eadp.errors import InputError, printable
-from eadp.io.text.streams import MARKS, TLOG_HEAD
 
 COMPONENT = 191
 """MAVLink's number of a companion computer."""
@@ -27,6 +26,10 @@ ALLOWED = ("udpin:", "udpout:", "tcp:", "tcpin:")
 CLIENT_S = 10.0
 """Time after which a sender that says no more is written to no more [s]."""
 
+MARKS = {0xFD: (12, 10), 0xFE: (8, 6)}
+"""First bytes of frames of MAVLink 2 and 1: the bytes of a frame beside its payload, and of these the header's."""
+TLOG_HEAD = 8
+"""Bytes of the time before each frame of a telemetry log."""
 MARK = re.compile(b"[%b]" % bytes(MARKS))
 SIGNED_BYTES = 13
 """Bytes of a signature, at the end of a frame."""
@@ -229,6 +232,11 @@ def _fault(address: str, message: str) -> InputError:
     """The error of an address that is none, or cannot be opened."""
     expected = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or /dev/tty…,BAUD"
     return InputError.at("--mavlink", 1, 1, message, expected, address)
+
+
+def is_tlog(head: bytes) -> bool:
+    """Whether a file that starts so is one: a time of this century in microseconds, then a frame of MAVLink."""
+    return len(head) > TLOG_HEAD and head[0] == 0 and 3 <= head[1] <= 8 and head[TLOG_HEAD] in MARKS
 
 
 def tlog_messages(data: bytes, wanted: frozenset[str]) -> Iterator[Message]:

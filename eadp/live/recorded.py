@@ -17,9 +17,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import InputError
-from eadp.io.logs import check_readable, read_tables
-from eadp.io.text.streams import is_tlog
-from eadp.live.mavlink import tlog_messages
+from eadp.live.mavlink import is_tlog, require_pymavlink, tlog_messages
 from eadp.live.messages import (
     COPTER_MISSION,
     PICTURES,
@@ -36,6 +34,7 @@ from eadp.live.replanner import telemetry_lines
 from eadp.live.telemetry import TelemetryReader, open_telemetry
 from eadp.models.plan.stage import TRIGGER_DISTANCE
 from eadp.models.plan.trace import PictureTrack
+from eadp.plug_ins import plug_in
 
 Row = dict[str, float]
 Table = dict[str, FloatArray]
@@ -177,7 +176,7 @@ def log_values(path: str, form: str) -> Iterator[Values]:
     Raises
     ------
     InputError
-        As `read_tables`; and if the file is none that can be read twice.
+        If it cannot be read, its library is not installed, or the file is none that can be read twice.
     """
     if not os.path.isfile(path):
         raise InputError.at(path, 1, 1, "is not a regular file", "an autopilot's log as a file")
@@ -185,7 +184,8 @@ def log_values(path: str, form: str) -> Iterator[Values]:
         yield from _tlog_values(path)
         return
     readers = _ULOG if form == "ulog" else _DATAFLASH
-    columns = read_tables(path, path, form, [*readers, *(topic for topic, *_ in _MOTION[form])]).columns
+    topics = [*readers, *(topic for topic, *_ in _MOTION[form])]
+    columns = plug_in("log_tables", "autopilot")(path, path, form, topics).columns
     tables = {topic.removesuffix(" 0"): first for topic, table in columns.items() if (first := _first_instance(table))}
     yield {"home_is_item": form == "dataflash"}
     # a log that does not say when the aircraft flies counts as in the air
@@ -211,7 +211,7 @@ def log_values(path: str, form: str) -> Iterator[Values]:
 
 def _tlog_values(path: str) -> Iterator[Values]:
     """What the messages of the first autopilot in a telemetry log say, and the pictures of its aircraft."""
-    check_readable(path, path, "pymavlink", "a telemetry log")
+    require_pymavlink(path, "")
     source: tuple[int, int] | None = None
     for kind, system, component, fields in tlog_messages(Path(path).read_bytes(), frozenset((*READERS, *PICTURES))):
         if source is None and is_autopilot(kind, fields):

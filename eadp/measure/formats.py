@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from eadp.core.arrays import FloatArray
 from eadp.core.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, InputError, printable
-from eadp.io.logs import Tables, at_times, read_tables
 from eadp.io.text.streams import Text, read_text
+from eadp.measure.autopilot_logs import Tables, at_times, read_tables
 from eadp.measure.power_log import (
     AIRSPEED,
     BANK,

@@ -21,7 +21,6 @@ from eadp.core.compiled import enable, enabled
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.streams import read_text
-from eadp.plug_ins import blame
 from eadp.simulation.loop import Outcome, fly
 from eadp.sweep.engines import Engine, Result, Run, open_engine
 from eadp.sweep.results import Results, SweepFlight
@@ -131,7 +130,7 @@ def _message(error: Exception) -> str:
         return "; ".join(_fault(fault) for fault in error.faults)
     if isinstance(error, EadpError):
         return printable(str(error), 1000)
-    return f"{blame(error)}: {type(error).__name__}: {printable(str(error), 1000)}"
+    return f"a bug: {type(error).__name__}: {printable(str(error), 1000)}"
 
 
 def _fault(fault: Fault) -> str:

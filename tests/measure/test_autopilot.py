@@ -19,7 +19,7 @@ import pytest
 from common import few
 
 from eadp.errors import InputError
-from eadp.io import logs as messages
+from eadp.measure import autopilot_logs as messages
 from eadp.measure.battery import BatteryOptions, read_battery_fit
 from eadp.measure.formats import is_dataflash_text, read_power_log
 from eadp.measure.power_log import Columns, PowerLog
@@ -33,7 +33,7 @@ N = 40
 @pytest.fixture(autouse=True)
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs are read in this process, which takes a tenth of the time, where the process is not the subject."""
-    one, opened = importlib.import_module("eadp.io.autopilot_process"), []
+    one, opened = importlib.import_module("eadp.measure.autopilot_process"), []
 
     def kept_open(*given: Any) -> Any:
         opened.append(open(*given))  # noqa: SIM115

@@ -15,9 +15,9 @@ import yaml
 from common import ROOT, with_header
 
 from eadp import fit_vehicle
-from eadp.io.logs import Tables
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle import read_vehicle
+from eadp.measure.autopilot_logs import Tables
 from eadp.measure.formats import autopilot_motion
 from eadp.measure.power_log import AIRSPEED, DENSITY
 from eadp.models.vehicle import FixedWing, PowerCurve

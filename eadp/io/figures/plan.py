@@ -51,9 +51,6 @@ CORNERS = 24
 
 MIN_STEP_M = 1e-3
 
-NAMED = 12
-"""Most stages whose names are written beside their paths."""
-
 
 def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> None:
     """Draw a plan: lines and turns with their direction, triggers with their radius, the range of the parameters.
@@ -83,7 +80,6 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         axes.plot(*legs[0].start_m, **START)
         final = point_at(plan.final_point, parameters, "the final point")
         axes.plot(*final, "*", color="black", markersize=11, label="final point")
-        _name_stages(axes, plan, legs)
         label_map(axes, _title(plan, parameters, sum(leg.distance_m for leg in legs)))
         legend_below(axes)
 
@@ -133,19 +129,6 @@ def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
 def _points(leg: Leg, step_m: float) -> FloatArray:
     """Points along a leg [m], shape (n, 2)."""
     return leg_points(leg, max(step_m, MIN_STEP_M))[:, :2]
-
-
-def _name_stages(axes: Axes, plan: Plan, legs: Sequence[Leg]) -> None:
-    """φ_i on the paths, and p_Γi at the triggers, of the first lap, but for short stages."""
-    style: dict[str, Any] = {"fontsize": 9, "textcoords": "offset points", "zorder": 6}
-    back = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
-    named_m = max(leg.distance_m for leg in legs) / 10
-    for leg in [leg for leg in legs if leg.lap == 0 and leg.distance_m > named_m][:NAMED]:
-        middle = _points(leg, leg.distance_m / 2)[1]
-        colour, _ = stage_style(plan.stages, leg.stage.index)
-        name = f"$\\varphi_{{{leg.stage.index}}}$"
-        axes.annotate(name, middle, xytext=(7, 7), color=colour, bbox=back, **style)
-        axes.annotate(f"$p_{{\\Gamma_{{{leg.stage.index}}}}}$", leg.end_m, xytext=(-20, 3), color="#444", **style)
 
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
@@ -242,17 +225,14 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: f
 def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence[DecisionRecord]) -> None:
     """What was decided at losses of charge, in its words, and the path that was planned before the last of them."""
     rows = ((step.time_s, step.stage, step.x_m, step.y_m, step.parameters) for step in steps)
-    cursor = PlanCursor.start(world.plan, world.parameters, world.rules)
-    replay = PlanReplay(cursor, world.start.position_m, rows)
+    replay = PlanReplay(PlanCursor.start(world.plan, world.parameters, world.rules), world.start.position_m, rows)
     style: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "dashes": (3, 3), "label": "plan before the loss"}
     for leg in replay.before(lost[-1].time_s):
         axes.plot(*leg_points(leg, max(leg.distance_m / 40, 1.0)).T[:2], zorder=1, **style)
     callouts = []
     for record in lost:
         step = min(steps, key=lambda step: abs(step.time_s - record.time_s))
-        paths = [parameter.label for parameter in world.plan.parameters[: world.plan.path_count]]
-        later = "\n(the path from its next stage on)" if any(f"{name} " in record.reason for name in paths) else ""
-        text = f"{record.time_s:.0f} s: charge lost\n" + record.reason.replace(", ", "\n") + later
+        text = f"{record.time_s:.0f} s: charge lost\n" + record.reason.replace(", ", "\n")
         callouts.append((text, (step.x_m, step.y_m)))
     write_callouts(axes, callouts)
 

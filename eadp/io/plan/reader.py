@@ -25,7 +25,7 @@ from eadp.io.text.streams import SourceText, Text
 from eadp.models.airspace import Airspace, Field
 from eadp.models.plan.plan import Finding, Plan, ShortForm, Site
 from eadp.models.plan.stage import ROTATIONS, Box, LoopVariable, PointExpression, Segment, Stage, Title
-from eadp.models.plan.structure import equal, find_structure, header_disagrees, tidy
+from eadp.models.plan.structure import equal, find_structure, header_disagrees, moves_with, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
@@ -691,7 +691,7 @@ class _Reader:
             if not (equal(d[0], shift[0]) and equal(d[1], shift[1])):
                 message = f"the trigger of stage {stage.index} does not shift as that of stage 1 does"
                 self._fault(draft.trigger_line or _START, 0, message, expected)
-            elif not _shifts(stage.path, path, shift):
+            elif not moves_with(shift, stage.path, path):
                 message = f"the path of stage {stage.index} does not shift as its trigger does"
                 self._fault(draft.path_line, 0, message, expected)
         if shift is not None and all(not part.names and part.at() == 0 for part in shift):
@@ -765,24 +765,3 @@ def _second_comma(text: str) -> int | None:
         if character == "," and depth == 0:
             commas.append(i)
     return commas[1] if len(commas) > 1 else None
-
-
-def _shifts(first: Expression, later: Expression, shift: PointExpression) -> bool:
-    """Whether later(p + d, c) − first(p, c) is the same for every p: letter, Eq. 2, evaluated where it is defined."""
-    points = ((0.0, 0.0), (37.3, -11.9), (-83.1, 141.7), (211.9, 73.3), (-17.7, -197.3))
-    for sample in (0.0, -0.37, 0.81, -211.3):
-        count = max(first.max_parameter, later.max_parameter, *(part.max_parameter for part in shift))
-        c = [sample * (1 + 0.1 * i) for i in range(count)]
-        differences = []
-        try:
-            d = (shift[0].at(c), shift[1].at(c))
-            for x, y in points:
-                a, b = later.at(c, x + d[0], y + d[1]), first.at(c, x, y)
-                differences.append((a - b, abs(a) + abs(b)))
-        except PathUndefined:
-            continue
-        scale = max(size for _, size in differences) + 1
-        values = [gap for gap, _ in differences]
-        if max(values) - min(values) > 1e-9 * scale:
-            return False
-    return True

@@ -285,14 +285,3 @@ def refuse_others(text: Text) -> None:
     if head.lstrip().startswith("<"):
         expected = "a plan; a mission as WPL (*.waypoints) or a plan of QGroundControl"
         raise InputError.at(text.name, 1, 1, "is XML, of no kind that is read", expected)
-
-
-MARKS = {0xFD: (12, 10), 0xFE: (8, 6)}
-"""First bytes of frames of MAVLink 2 and 1: the bytes of a frame beside its payload, and of these the header's."""
-TLOG_HEAD = 8
-"""Bytes of the time before each frame of a telemetry log."""
-
-
-def is_tlog(head: bytes) -> bool:
-    """Whether a file that starts so is one: a time of this century in microseconds, then a frame of MAVLink."""
-    return len(head) > TLOG_HEAD and head[0] == 0 and 3 <= head[1] <= 8 and head[TLOG_HEAD] in MARKS

@@ -71,16 +71,33 @@ def structure_proven(plan: Plan) -> bool:
     if plan.shift is None:
         return False
     dx, dy = plan.shift
-    moved = {"x": total(_symbol("x"), dx), "y": total(_symbol("y"), dy)}
     try:
         return all(
-            cancels(difference(substituted(later, moved), path))
+            cancels(difference(_moved(later, plan.shift), path))
             and cancels(difference(later_x, total(x, dx)))
             and cancels(difference(later_y, total(y, dy)))
             for (path, (x, y)), (later, (later_x, later_y)) in _lap_pairs(plan)
         )
     except ExpressionError:  # too large when substituted
         return False
+
+
+def moves_with(shift: PointExpression, first: Expression, later: Expression) -> bool:
+    """Whether later(p + d, c) − first(p, c) is the same for every p, by value; so, too, where it is too large to tell.
+
+    Source: letter, Eq. 2, in which it is the constant e_j.
+    """
+    try:
+        gap = difference(_moved(later, shift), first)
+        return equal(gap, _moved(gap, (constant(37.3), constant(-11.9))))
+    except ExpressionError:
+        return True
+
+
+def _moved(path: Expression, shift: PointExpression) -> Expression:
+    """A path function of p, of p + d."""
+    dx, dy = shift
+    return substituted(path, {"x": total(_symbol("x"), dx), "y": total(_symbol("y"), dy)})
 
 
 def _symbol(name: str) -> Expression:

@@ -65,16 +65,6 @@ def asked_again():
 
 
 @fast
-def test_nothing_is_compiled_where_memory_is_limited(monkeypatch, asked_again):
-    resource = pytest.importorskip("resource")
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (512 << 20, 1 << 40))
-    assert not compiled.enable()
-    compiled.available.cache_clear()
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    assert compiled.available()
-
-
-@fast
 def test_nothing_is_compiled_where_numba_cannot_be_imported(monkeypatch, asked_again):
     def fails(_):
         raise ImportError("no llvm")

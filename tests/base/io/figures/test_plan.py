@@ -6,7 +6,7 @@ from common import ROOT
 from common.plans import PARTS, plan_of
 from matplotlib.figure import Figure
 
-from eadp.io.figures.plan import _draw_range, _name_stages
+from eadp.io.figures.plan import _draw_range
 from eadp.models.plan.trace import nominal_legs
 
 SURVEY = (ROOT / "plans/survey.plan").read_text(encoding="utf-8")
@@ -41,12 +41,3 @@ def test_the_range_of_a_line_is_that_of_the_shift():
 def test_a_plan_without_a_free_path_parameter_has_no_range():
     assert len(filled("0.1; 90; x\n0, 400\n[2, 10]\n", (10.0,))[0]) == 0
     assert len(filled("0.1; 90; x\n0, 400\n", ())[0]) == 0
-
-
-def test_stages_and_points_of_the_first_lap_are_named():
-    axes = Figure().add_subplot()
-    _name_stages(axes, plan_of(SURVEY), nominal_legs(plan_of(SURVEY), (0.0, 10.0)))
-    names = [text.get_text() for text in axes.texts]
-    assert names == [name for i in range(1, 5) for name in (f"$\\varphi_{{{i}}}$", f"$p_{{\\Gamma_{{{i}}}}}$")]
-    assert axes.texts[1].xy == pytest.approx((-115, 146))
-    assert axes.texts[2].xy == pytest.approx((-115, (146 - 11) / 2)), "in the middle of the line"

@@ -57,7 +57,11 @@ def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Table
     """
     own = {"ulog": ("pyulog", "a PX4 ULog"), "bag": ("rosbags", "a ROS bag")}
     library, title = own.get(form, ("pymavlink", "an ArduPilot DataFlash log"))
-    check_readable(name, path, library, title)
+    if importlib.util.find_spec(library) is None:
+        extra = "ros" if library == "rosbags" else "logs"
+        raise InputError.at(name, 1, 1, f"{library}, which reads {title}, is missing", f"pip install 'eadp[{extra}]'")
+    if os.path.getsize(path) > LIMIT_BYTES:
+        raise InputError.at(name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
     command = [sys.executable, "-P", str(_PROCESS), form, path, ",".join(topics)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode:
@@ -73,15 +77,6 @@ def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Table
             else:
                 tables.notes += [str(note) for note in values]
     return tables
-
-
-def check_readable(name: str, path: str, library: str, title: str) -> None:
-    """Refuse a log whose library is not installed, or that is too large; raises InputError."""
-    if importlib.util.find_spec(library) is None:
-        extra = "ros" if library == "rosbags" else "logs"
-        raise InputError.at(name, 1, 1, f"{library}, which reads {title}, is missing", f"pip install 'eadp[{extra}]'")
-    if os.path.getsize(path) > LIMIT_BYTES:
-        raise InputError.at(name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
 
 
 def at_times(known_us: FloatArray, values: FloatArray, time_us: FloatArray) -> FloatArray:
