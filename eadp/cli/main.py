@@ -226,12 +226,24 @@ def _usage(error: Exception) -> int:
     if type(error).__name__ == "MissingParameter":  # the first line of each command's help is an example
         example = (error.ctx.command.help or "").partition("\n")[0]  # type: ignore[attr-defined]
         message = f"{message} {example}"
+    if type(error).__name__ == "NoSuchOption":
+        message = _pipe(error) or message
     sys.stderr.write(_plain(message))
     return BAD_INPUT
 
 
 def _plain(message: str) -> str:
     return escaped(f"eadp: error: {message}\n")
+
+
+def _pipe(error: Any) -> str:
+    """What to type in place of an option that `eadp plan` has for all commands that read a plan; else empty."""
+    from eadp.cli.plan import CHANGES
+
+    name = error.option_name
+    if name.lstrip("-") not in CHANGES or all(each.metavar != "PLAN" for each in error.ctx.command.params):
+        return ""
+    return f"{name} is an option of eadp plan: eadp plan PLAN {name} … | eadp {error.ctx.info_name} -"
 
 
 def _debug() -> None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from eadp.models.plan.stage import PointExpression, Stage
 
 
+CHANGES = ("laps", "avoid", "inside", "terrain")
+"""Options that change the plan, which other commands read through a pipe."""
 STAGE_SETTINGS = ("altitude_m", "airspeed_mps", "commands")
 """Attributes of a stage that JSON has where they are set."""
 
@@ -66,7 +68,7 @@ class PlanOptions:
     @property
     def printed(self) -> str:
         """What is printed: by default a plan that is changed, or what is found in it."""
-        changed = not self.check and any((self.laps, self.avoid, self.inside, self.terrain))
+        changed = not self.check and any(getattr(self, name) for name in CHANGES)
         return self.format or ("plan" if changed else "text")
 
 

@@ -203,6 +203,13 @@ def test_triggers_have_latitudes_where_they_are_numbers(eadp, tmp_path):
     assert set(second) == {"x", "y"}
 
 
+def test_an_option_that_changes_a_plan_is_answered_with_the_pipe_to_type(eadp):
+    answer = eadp("simulate", "plans/survey.plan", "--avoid", "z.csv", "-o", "folder")
+    assert (answer.code, answer.out) == (2, "")
+    pipe = "eadp plan PLAN --avoid … | eadp simulate -"
+    assert answer.err.endswith(f" is an option of eadp plan: {pipe}\n")
+
+
 def test_a_plan_that_is_changed_is_printed_as_a_plan(eadp, tmp_path):
     """By default alone: what is asked for is printed, and what a check finds."""
     zone = tmp_path / "zone.csv"
