@@ -94,10 +94,10 @@ def command(
             continue
         if not Path(path).absolute().parent.is_dir():
             raise usage_fault(option, path, "no such folder", "a file in an existing folder")
-        written = str(output_file(path))
-        if written in taken:
+        place = str(output_file(path))
+        if place in taken:
             raise usage_fault(option, path, "is the field's own file, or the plan's", "a file of its own")
-        taken.append(written)
+        taken.append(place)
     name = "<stdin>" if file == "-" else file
     files = {"profile": given.profile, "scenario": given.scenario, "vehicle": given.vehicle}
     if divided:
