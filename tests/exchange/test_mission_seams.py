@@ -268,10 +268,7 @@ def leg(tmp_path):
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("form", ["rows", "plan"])
 def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, form):
-    texts = {
-        "rows": fence_rows((5001, AROUND), (5002, ACROSS)),
-        "plan": fence_plan((True, AROUND), (False, ACROSS)),
-    }
+    texts = {"rows": fence_rows((5001, AROUND), (5002, ACROSS)), "plan": fence_plan((True, AROUND), (False, ACROSS))}
     fence = tmp_path / "fence"
     fence.write_text(texts[form])
     wide = (leg, "--inside", fence)
@@ -332,11 +329,7 @@ def test_boundaries_of_a_plan_and_beside_it_both_hold(eadp, covered, tmp_path):
 @pytest.mark.parametrize(
     ("option", "rings", "message"),
     [
-        (
-            "--avoid",
-            [(5001, AROUND)],
-            "expected a fence; those of this file belong to --inside",
-        ),
+        ("--avoid", [(5001, AROUND)], "expected a fence; those of this file belong to --inside"),
         ("--inside", [(5001, [(0, 0), (0, 1), (1, 1)])], "1 polygon farther than 100 km left out"),
     ],
 )

@@ -538,12 +538,7 @@ def test_a_height_above_calculated_ground_is_one_above_ground():
     assert finding.code == "terrain"
 
 
-@pytest.mark.parametrize(
-    ("body", "words"),
-    [
-        ('<gpx version="1.1"/>', "is XML"),
-    ],
-)
+@pytest.mark.parametrize(("body", "words"), [('<gpx version="1.1"/>', "is XML")])
 def test_a_mission_that_is_not_read_is_named_by_what_it_is(body, words):
     assert words in fault_of(body).message
     assert "not read" in fault_of(body).message or "no kind" in fault_of(body).message

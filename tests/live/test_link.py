@@ -28,13 +28,7 @@ from eadp.exchange.autopilot import AT_MOST, AutopilotParameter
 from eadp.live import mavlink
 from eadp.live.autopilot import INTERVALS
 from eadp.live.link import LinkFlight, LinkOptions
-from eadp.live.mavlink import (
-    MAX_SENDERS,
-    READING_SHARE,
-    Codec,
-    Link,
-    Message,
-)
+from eadp.live.mavlink import MAX_SENDERS, READING_SHARE, Codec, Link, Message
 from eadp.live.messages import STALE_S, WANTED, LineMaker, ParameterCheck, values_of
 from eadp.live.telemetry import TelemetryReader, json_line
 

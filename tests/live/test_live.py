@@ -96,15 +96,7 @@ MEASURED = ("velocity_mps", "heading_rad")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate_hz", "keys", "shift_s"),
-    few_rows(
-        [
-            (1, MEASURED, EPOCH_S),
-            (0.5, MEASURED, 0),
-            (5, ("stage",), 0),
-            (1, (), 0),
-        ],
-        1,
-    ),
+    few_rows([(1, MEASURED, EPOCH_S), (0.5, MEASURED, 0), (5, ("stage",), 0), (1, (), 0)], 1),
 )
 def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
     inputs, recorder = recorded

@@ -59,13 +59,7 @@ class Autopilot:
         return self.frame("battery_status", 0, 0, 1, 32767, cells, round(amps * 100), consumed, -1, share)
 
     def position(
-        self,
-        time_s: float,
-        x: float,
-        y: float,
-        velocity: list[float],
-        heading_deg: float,
-        altitude_m: float = 25.0,
+        self, time_s: float, x: float, y: float, velocity: list[float], heading_deg: float, altitude_m: float = 25.0
     ) -> bytes:
         """Where it is."""
         lat, lon = (round(value * 1e7) for value in to_geodetic_deg(x, y, ORIGIN))
@@ -89,10 +83,7 @@ def frames(
     still = (first["x_m"], first["y_m"], [0.0, 0.0], first["heading_deg"])
     for k in range(round(ground_s)):
         time_s = offset_s - ground_s + k
-        yield (
-            time_s,
-            [autopilot.heartbeat(armed=False, active=False), autopilot.position(time_s, *still)],
-        )
+        yield (time_s, [autopilot.heartbeat(armed=False, active=False), autopilot.position(time_s, *still)])
     drawn_ah = 0.0
     before_s = lines[0]["time_s"]
     for line in lines:

@@ -161,10 +161,7 @@ def test_pictures_faster_than_the_camera_are_warned_of(eadp):
         ),
         ({"--camera": "sony-rx0"}, "--altitude:1:1: error: the camera needs --altitude too; expected --gsd or"),
         ({**PHANTOM, "--gsd": 2, "--altitude": 73}, "--gsd:1:1: error: the size of a pixel beside the altitude"),
-        (
-            {**PHANTOM, "--gsd": 0.02},
-            "--gsd:1:1: error: 0.02 is out of range; expected from 0.1 to 1000",
-        ),
+        ({**PHANTOM, "--gsd": 0.02}, "--gsd:1:1: error: 0.02 is out of range; expected from 0.1 to 1000"),
         ({"--gsd": 2, "--swath": 30}, "--sensor-width-mm:1:1: error: the camera needs --sensor-width-mm too"),
         ({"--swath": 30, "--side-overlap": 70}, "one of the two"),
         ({**CAMERA, "--side-overlap": 0.7}, "--side-overlap:1:1: error: 0.7 %; expected percent"),

@@ -229,24 +229,13 @@ def named(name):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "urn:ogc:def:crs:OGC:1.3:CRS84",
-        "EPSG:4326",
-        "http://www.opengis.net/def/crs/EPSG/0/4326",
-    ],
+    "name", ["urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", "http://www.opengis.net/def/crs/EPSG/0/4326"]
 )
 def test_systems_in_degrees(name):
     assert field_of(polygon(around(BOX), crs=named(name))) == field_of(polygon(around(BOX)))
 
 
-@pytest.mark.parametrize(
-    ("crs", "named_so"),
-    [
-        (named("EPSG:25899"), "EPSG:25899"),
-        (12, "without a name"),
-    ],
-)
+@pytest.mark.parametrize(("crs", "named_so"), [(named("EPSG:25899"), "EPSG:25899"), (12, "without a name")])
 def test_an_unknown_system_asks_for_metres(crs, named_so):
     body = polygon([*BOX, BOX[0]], crs=crs)
     expected = "degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson f, or --metres"
@@ -477,10 +466,7 @@ def test_a_crossing_is_told_in_degrees_too():
             table([(0, 0), (60_000, 0), (60_000, 10)]),
             f"1:1: error: 60 km by 0.01 km; expected {WIDE}, or columns called lon and lat",
         ),
-        (
-            polygon([(10, 55), (11, 55), (11, 55.1)]),
-            f"1:1: error: 63.99 km by 11.13 km; expected {WIDE}, or --metres",
-        ),
+        (polygon([(10, 55), (11, 55), (11, 55.1)]), f"1:1: error: 63.99 km by 11.13 km; expected {WIDE}, or --metres"),
         (polygon([(-100, 5), (100, 5), (100, 5.1)]), "1:1: error: a vertex farther than 100 km from the middle"),
         # the far side of the earth, which the plane would fold onto the field
         (
@@ -732,10 +718,7 @@ RING = "<LinearRing><coordinates>10,55 10.001,55 10.001,55.001</coordinates></Li
             "1:1: error: an element within coordinates; expected vertices alone",
         ),
         ("<Polygon/>", "1:1: error: a Polygon without an outline; expected one outerBoundaryIs with a LinearRing of "),
-        (
-            f"<Polygon><innerBoundaryIs>{RING}</innerBoundaryIs></Polygon>",
-            "1:1: error: a Polygon without an outline",
-        ),
+        (f"<Polygon><innerBoundaryIs>{RING}</innerBoundaryIs></Polygon>", "1:1: error: a Polygon without an outline"),
         (
             f"<Polygon><outerBoundaryIs>{RING}\n{RING}</outerBoundaryIs></Polygon>",
             "1:1: error: a second outline; expected one outerBoundaryIs",

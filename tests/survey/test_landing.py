@@ -225,10 +225,7 @@ def test_sorties_land(eadp, tmp_path):
 
 @pytest.mark.slow
 def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is(eadp, tmp_path):
-    files = {
-        "field": FIELD,
-        "inside": "x_m,y_m\n-300,-300\n900,-300\n900,600\n-300,600\n",
-    }
+    files = {"field": FIELD, "inside": "x_m,y_m\n-300,-300\n900,-300\n900,600\n-300,600\n"}
     for name, text in files.items():
         (tmp_path / f"{name}.csv").write_text(text)
     ring = [(500, -150), (520, -150), (520, -50), (500, -50), (500, -150)]

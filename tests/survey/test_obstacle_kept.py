@@ -178,13 +178,7 @@ def test_points_and_lines_are_obstacles_with_a_distance(kind):
 
 
 @pytest.mark.parametrize(
-    "hole",
-    [
-        [(10, 20)],
-        [(10, 20), (10, 20), (10, 20)],
-        [(10, 20), (40, 20)],
-        [(10, 20), (40, 50), (30, 40), (20, 30)],
-    ],
+    "hole", [[(10, 20)], [(10, 20), (10, 20), (10, 20)], [(10, 20), (40, 20)], [(10, 20), (40, 50), (30, 40), (20, 30)]]
 )
 def test_a_hole_without_an_area_is_an_obstacle(hole):
     from shapely import Point, Polygon

@@ -158,18 +158,7 @@ def test_the_rest_is_whole_lines(planner):
     # the ends of the third line, with more than a turn between them, and the fourth
     assert sorted(map(len, spans)) == [0, 0, 1, 2]
     assert left.area_m2 == pytest.approx(SWATH_M * (LENGTH_M + 80), rel=0.01)
-    again = left_of(
-        planner,
-        [
-            tuple(
-                (x + origin[0], y + origin[1])
-                for x, y in (
-                    (0.0, 20.0),
-                    (270.0, 20.0),
-                )
-            )
-        ],
-    )
+    again = left_of(planner, [tuple((x + origin[0], y + origin[1]) for x, y in ((0.0, 20.0), (270.0, 20.0)))])
     assert again.area_m2 == pytest.approx(SWATH_M * (4 * LENGTH_M - 270), rel=0.01)
 
 

@@ -203,11 +203,7 @@ BAD = {
         "4:55",
         "battery.soc cannot be 1.5",
     ),
-    "whole number drawn": (
-        HEAD + "sample: {runs: 2, keys: {seed: {uniform: [0, 9]}}}\n",
-        "4:43",
-        "a whole number",
-    ),
+    "whole number drawn": (HEAD + "sample: {runs: 2, keys: {seed: {uniform: [0, 9]}}}\n", "4:43", "a whole number"),
     "deviation": (HEAD + "sample: {runs: 2, keys: {battery.soc: {normal: [1, -1]}}}\n", "4:40", "below 0"),
     "file drawn": ("sample: {runs: 2, keys: {plan: {uniform: [1, 2]}}}\n", "2:26", "plan is a file"),
     "too many": (HEAD + "seeds: 1000\nsample: {runs: 1001, keys: {step_s: {uniform: [0.1, 1]}}}\n", "1:1", "1000000"),
