@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
-import math
 import shutil
 from dataclasses import replace
 
@@ -16,9 +15,7 @@ from common.answers import refused
 
 import eadp as library
 from eadp.cli.main import main
-from eadp.io.flight import planned_lines
 from eadp.survey.options import CoverageOptions
-from eadp.survey.resume import _heading_of_lines_rad
 from eadp.survey.sorties import SortieOptions
 
 MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
@@ -249,16 +246,13 @@ def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
         (("--sorties", "auto", "--home", "55.9,10.333"), 1, "a pack does not last for the way to the field"),
         (("--sorties", "auto", "--resume", "plans/nothing"), 2, "cannot be read"),
         (("--sorties", "auto", "--resume", "plans"), 2, "has no flight"),
-        (("--sorties", "auto", "--set-battery", "1"), 2, "No such option"),
     ],
 )
 def test_bad_input(eadp, scenario, tmp_path, extra, code, words):
-    out = tmp_path / "out"
-    answer = eadp(*COVER, "--scenario", scenario, "-o", out, *extra)
+    answer = eadp(*COVER, "--scenario", scenario, "-o", tmp_path / "out", *extra)
     assert answer.code == code, answer.err
     assert words in answer.err
-    assert "Traceback" not in answer.err
-    assert not out.exists()
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
@@ -295,17 +289,6 @@ def test_a_pack_that_cannot_lift_off(eadp, tmp_path):
     weak = tmp_path / "weak.yaml"
     weak.write_text(json.dumps(SCENARIO | {"battery": {"capacity_ah": 1.0, "resistance_ohm": 5.0}}))
     assert refused(eadp(*COVER, "--scenario", weak, "--sorties", "auto"), "level flight: 80.5 W exceeds the")
-
-
-def test_the_heading_of_the_lines_is_not_that_of_a_way_from_afar(tmp_path):
-    field = tmp_path / "field.csv"
-    field.write_text("x_m,y_m\n0,0\n300,0\n300,200\n0,200\n")
-    options = CoverageOptions(
-        metres=True, min_radius_m=30, swath_m=40, heading_deg=90, pattern="dubins", start=(-3000, 2500)
-    )
-    plan = library.cover(field, options, warn=lambda _: None).plan
-    assert max(math.dist(*line) for line in planned_lines(plan, ())) > 3000
-    assert math.sin(_heading_of_lines_rad(plan, ())) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.slow
