@@ -231,16 +231,12 @@ def reported_stages(flight, inputs, *stages):
     return answers
 
 
-def test_reported_stages_are_taken(recorded):
-    inputs = recorded[0]
-    advised = reported_stages(live(inputs), inputs, 1, 1, 2, 4, 1, 3)
-    assert advised == [(1, []), (1, []), (2, []), (4, []), (1, []), (3, [])]
-
-
-def test_a_jump_back_and_an_unknown_stage_give_one_notice_and_are_ignored(recorded):
+def test_reported_stages_are_taken_and_a_jump_back_and_an_unknown_one_give_one_notice(recorded):
     inputs = recorded[0]
     back = "stage 2 is before stage 3, which is flown; ignored"
     none = "there is no stage 7; ignored"
+    advised = reported_stages(live(inputs), inputs, 1, 1, 2, 4, 1, 3)
+    assert advised == [(1, []), (1, []), (2, []), (4, []), (1, []), (3, [])]
     advised = reported_stages(live(inputs), inputs, 3, 2, 2, 7, 7, 3, 2)
     assert advised == [(3, []), (3, [back]), (3, []), (3, [none]), (3, []), (3, []), (3, [])]
 

@@ -102,7 +102,6 @@ def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tm
     assert any("holds the mission" in text for text in flown.said)
 
 
-@pytest.mark.quick(1)
 @pytest.mark.parametrize("refuses", [(), ("MISSION_COUNT",)])
 def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path, refuses):
     """The items flown are of c1 = 0: in force where the new mission is refused, else those of before it."""
@@ -115,6 +114,13 @@ def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path,
     in_force = [row.get("parameters", {}).get("c1") for row in rows]
     assert in_force[2] == 0.0, "before the first plan"
     assert in_force[-1] == (0.0 if refuses else None)
+    uploads = sum("verified" in text for text in flown.said)
+    assert (uploads == 0) == bool(refuses)
+    if refuses:
+        assert any("the old one is kept" in text for text in flown.said)
+        assert flown.holder.items[1:] == mission[1]
+    else:  # what it has sent itself is not read again
+        assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + 2 * uploads
 
 
 class Lossy(MissionHolder):
@@ -246,13 +252,6 @@ def test_another_number_of_items_is_read_at_once(inputs, mission, lines, counts)
     assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + counts * (1 + int(flown.now_s - 111) // 10)
 
 
-def test_an_upload_of_our_own_is_not_read_again(inputs, mission, lines):
-    flown = Flying(inputs, mission).fly(lines, current=True)
-    uploads = sum("verified" in text for text in flown.said)
-    assert uploads
-    assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + 2 * uploads
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("change", "said"),
@@ -306,13 +305,6 @@ def test_an_autopilot_that_does_not_answer_is_said(inputs, mission):
     flown = Flying(inputs, mission, lost=1000).fly(recorded()[:40])
     assert any("cannot be read" in text for text in flown.said)
     assert flown.holder.writes == []
-
-
-def test_a_refused_mission_is_said_and_the_old_one_stays(inputs, mission, lines):
-    flown = Flying(inputs, mission, refuses=("MISSION_COUNT",)).fly(lines)
-    assert any("the old one is kept" in text for text in flown.said)
-    assert flown.holder.items[1:] == mission[1]
-    assert not any("verified" in text for text in flown.said)
 
 
 def test_a_mission_that_is_stored_wrong_does_not_count(inputs, mission, lines):
