@@ -6,7 +6,6 @@ import itertools
 import json
 import math
 import re
-import threading
 import xml.etree.ElementTree as ET
 
 import pytest
@@ -558,49 +557,6 @@ def test_pictures_end_before_a_landing():
     path = path_of(read_plan(Text("p", LANDING))[0], trigger_distance_m=20.0)
     assert [item.command for item in mission_items(path)[-4:]] == [206, 189, 16, 21]
     assert json.loads(EXPORTS["qgc"](path))["mission"]["items"][-1]["complexItemType"] == "fwLandingPattern"
-
-
-@pytest.mark.slow
-def test_mavsdk_imports_it():
-    """MAVSDK's own importer, which works once a heartbeat has connected a system; by hand, with eadp[exchange-test]."""
-    mavsdk = pytest.importorskip("mavsdk")
-    mission_raw = pytest.importorskip("mavsdk.plugins.mission_raw")
-    mavutil = pytest.importorskip("pymavlink.mavutil")
-    plan, _ = read_plan(Text("p", LINES))
-    path = path_of(plan, home_deg=HOME, trigger_distance_m=20.0)
-    exported, lands = mission_items(path), path_of(read_plan(Text("p", LANDING))[0])
-    stop = threading.Event()
-
-    def beat():
-        link = mavutil.mavlink_connection("udpout:127.0.0.1:14599", source_system=1, source_component=1)
-        while not stop.wait(0.2):
-            link.mav.heartbeat_send(1, 3, 0, 0, 4)
-        link.close()
-
-    beats = threading.Thread(target=beat, daemon=True)
-    beats.start()
-    try:
-        kind = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
-        with mavsdk.Mavsdk(kind) as station:
-            station.add_any_connection("udpin://127.0.0.1:14599")
-            system = station.first_autopilot(30.0)
-            assert system is not None
-            raw = mission_raw.MissionRaw(system)
-            qgc = raw.import_qgroundcontrol_mission_from_string(EXPORTS["qgc"](path)).mission_items
-            wpl = raw.import_mission_planner_mission_from_string(EXPORTS["ardupilot"](path)).mission_items
-            px4 = raw.import_qgroundcontrol_mission_from_string(EXPORTS["px4"](lands)).mission_items
-            wpl_lands = raw.import_mission_planner_mission_from_string(EXPORTS["ardupilot"](lands)).mission_items
-    finally:
-        stop.set()
-        beats.join()
-    for taken, px4_too in ((px4, True), (wpl_lands, False)):
-        wanted = [item.command for item in mission_items(lands, px4=px4_too)]
-        assert [item.command for item in taken[-len(wanted) :]] == wanted
-    for taken in (qgc[-len(exported) :], wpl[-len(exported) :]):  # home is an item of ArduPilot's
-        assert [item.command for item in taken] == [item.command for item in exported]
-        for found, item in zip(taken, exported, strict=True):
-            if item.command == 16:
-                assert (found.x / 1e7, found.y / 1e7, found.z) == pytest.approx(item.parameters[4:], abs=2e-7)
 
 
 def test_an_altitude_is_not_taken_beside_those_of_the_plan(eadp, tmp_path):
