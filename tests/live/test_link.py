@@ -330,12 +330,6 @@ def test_a_pilot_who_flies_is_not_overruled(inputs, flown):
     assert commands(other) == [20]
 
 
-def test_a_return_needs_a_home(eadp, plan):
-    answer = eadp("replan", plan, "--scenario", SCENARIO, "--return-home", "--mavlink", "udpin:127.0.0.1:14599")
-    assert answer.code == 2
-    assert "home, which has no location" in answer.err
-
-
 # --- what goes wrong
 
 
@@ -413,6 +407,7 @@ def test_a_plan_without_a_place_is_refused(eadp):
     [
         (("--mavlink", "udpin:127.0.0.1:14599", "--replay", "x"), "--replay:1:1: error: beside --mavlink"),
         (("--items", "x"), "--items:1:1: error: without a link"),
+        (("--return-home", "--mavlink", "udpin:127.0.0.1:14599"), "home, which has no location"),
         (("--replay", "nosuch"), "nosuch:1:1: error: cannot be read"),
         (("--replay", "flight.tlog", "--upload"), "--upload:1:1: error: beside --replay"),
         (("--replay", "README.md"), "README.md:1:1: error: has no flight"),

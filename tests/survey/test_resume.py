@@ -131,21 +131,14 @@ def test_pictures_that_are_missing_leave_ground(planner, tmp_path):
     assert left.area_m2 == pytest.approx(SWATH_M * (3 * LENGTH_M + missed_m), rel=0.01)
 
 
-def test_a_log_of_the_ground(planner, tmp_path):
-    log = tmp_path / "flight"
+def test_a_log_of_the_ground_and_a_table_are_no_flight(planner, tmp_path):
+    log, table, warned = tmp_path / "flight", tmp_path / "flight.csv", []
     log.write_bytes(px4(flown()[:1], pictures=True))
-    with pytest.raises(InputError, match="has no positions in the air"):
-        resumed(planner, [str(log)], lambda _: None)
-
-
-def test_a_table_is_no_flight(planner, tmp_path):
-    """Said once, and not of each line."""
-    table = tmp_path / "flight.csv"
     table.write_text("time_s,x_m,y_m\n" + "0,0,0\n" * 100)
-    warned = []
-    with pytest.raises(InputError, match="is no flight; expected a folder of eadp simulate"):
-        resumed(planner, [str(table)], warned.extend)
-    assert warned == []
+    for path, fault in ((log, "has no positions in the air"), (table, "is no flight; expected a folder of eadp sim")):
+        with pytest.raises(InputError, match=fault):
+            resumed(planner, [str(path)], warned.extend)
+    assert warned == [], "once, and not of each line"
 
 
 def test_the_rest_is_whole_lines(planner):

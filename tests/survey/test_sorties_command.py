@@ -253,7 +253,7 @@ def test_sorties_fly_by_the_planner_of_their_scenario(eadp, tmp_path):
     assert one.code == 0, one.err
 
 
-def test_no_home_and_a_home_in_an_obstacle(eadp, scenario, tmp_path):
+def test_no_home_a_home_in_an_obstacle_and_a_pack_that_cannot_lift_off(eadp, scenario, tmp_path):
     bare = ("cover", MEADOW, "--swath", "20", "--scenario", scenario, "--sorties", "auto")
     assert refused(eadp(*bare), "--home:1:1: error: sorties start and end at home")
     lat, lon = map(float, HOME.split(","))
@@ -263,9 +263,6 @@ def test_no_home_and_a_home_in_an_obstacle(eadp, scenario, tmp_path):
     avoid = tmp_path / "avoid.geojson"
     avoid.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     assert refused(eadp(*bare, "--home", HOME, "--avoid", avoid), "lies in an obstacle")
-
-
-def test_a_pack_that_cannot_lift_off(eadp, tmp_path):
     weak = tmp_path / "weak.yaml"
     weak.write_text(json.dumps(SCENARIO | {"battery": {"capacity_ah": 1.0, "resistance_ohm": 5.0}}))
     assert refused(eadp(*COVER, "--scenario", weak, "--sorties", "auto"), "level flight: 80.5 W exceeds the")
