@@ -1,7 +1,4 @@
-"""`eadp replan` on recorded flights that went wrong, and on the example made wrong in the same way.
-
-The recordings are no part of the project: each of their tests is skipped where they are absent.
-"""
+"""`eadp replan` on the example's telemetry made wrong: headings, ends that are none, a start within the flight."""
 
 from __future__ import annotations
 
@@ -137,7 +134,7 @@ def places(decisions):
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("begins_s", "reports"),
-    [(130, ("parameters", "stages_started")), (200, ("parameters", "stage")), (300, ("stage",))],
+    [(200, ("parameters", "stage")), (130, ("parameters", "stages_started")), (300, ("stage",))],
 )
 def test_telemetry_that_begins_in_the_middle_of_the_flight(replan, begins_s, reports):
     """The lap is that of the number of the stage, else that of the position: certain, or until the next stage not."""
