@@ -320,16 +320,12 @@ def test_a_fault_of_a_field_is_at_the_field(line, column, text, words):
     ("items", "words"),
     [
         ([*GOOD[:2], item(177, 9, 1)], "a jump to item 9"),
-        ([*GOOD[:2], item(177, 0, 1)], "a jump to item 0"),
-        ([*GOOD[:2], item(177, 3, -1)], "flies nothing"),
         ([waypoint(300, 0), item(177, 3, -1), item(177, 2, -1)], "flies nothing"),
         ([*GOOD[:2], item(177, 1, 1e6)], f"more than {ITEMS_LIMIT} items are flown"),
         ([waypoint(300, 0), item(18, 1e9, east=0, north=900)], "turns"),
-        ([waypoint(300, 0), item(18, -1, east=0, north=900)], "number of turns"),
         ([waypoint(300, 0), item(178, 0, -7)], "a speed of -7"),
         ([item(18, 1, 0, 60, east=500, north=0), item(18, 1, 0, -60, east=520, north=0)], "no straight leads"),
         ([item(22)], "no item moves"),
-        ([], "no item moves"),
     ],
 )
 def test_a_mission_that_cannot_be_flown_is_an_error(items, words):

@@ -258,7 +258,6 @@ def test_another_number_of_items_is_read_at_once(inputs, mission, lines, counts)
     ("change", "said"),
     [
         (lambda number, frame, altitude: (0, altitude + 500), "not above home"),
-        (lambda number, frame, altitude: (10, altitude), "not above home"),
         (lambda number, frame, altitude: (frame, altitude + 40 * (number > 60)), "not those of the plan"),
     ],
 )

@@ -271,16 +271,15 @@ def test_a_place_that_no_way_leads_to_is_named_before_the_search(eadp, tmp_path)
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ((*COVER, "--landing", "55.47,10.33"), "--landing:1:1: error: no place and heading"),
-        ((*COVER, "--landing", "55.47,10.33,west"), "--landing:1:1: error: no place and heading"),
-        ((*COVER, "--landing", "55.47,10.33,400"), "--landing:1:1: error: no heading"),
-        ((*COVER, "--landing", "10.33,55.47,90"), "--landing:1:1"),
-        ((*COVER, "--takeoff", "90"), "--takeoff:1:1: error: no home to take off from"),
-        ((*COVER, "--home", "55.47,10.33", "--takeoff", "-400"), "--takeoff:1:1: error: no heading"),
+        (("--landing", "55.47,10.33"), "--landing:1:1: error: no place and heading"),
+        (("--landing", "55.47,10.33,400"), "--landing:1:1: error: no heading"),
+        (("--landing", "10.33,55.47,90"), "--landing:1:1"),
+        (("--takeoff", "90"), "--takeoff:1:1: error: no home to take off from"),
+        (("--home", "55.47,10.33", "--takeoff", "-400"), "--takeoff:1:1: error: no heading"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_landed_is_refused(eadp, words, message):
-    assert refused(eadp(*words), message)
+    assert refused(eadp(*COVER, *words), message)
 
 
 def test_a_plan_that_lands_and_an_aircraft_that_holds_its_altitude_are_refused(eadp, landing, tmp_path):
