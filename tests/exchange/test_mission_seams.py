@@ -73,7 +73,7 @@ def test_cover_writes_the_mission_and_plan_keeps_it(eadp, covered):
 
 
 @pytest.mark.usefixtures("drawn")
-def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
+def test_a_flight_into_an_obstacle_or_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
     folder = tmp_path / "out"
     answer = eadp("simulate", plan, *FLIGHT, "-o", folder)
@@ -84,17 +84,9 @@ def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     assert (entry["name"], summary["completed"], summary["reserve_kept"]) == ("house", False, False)
     # a wall of 20 m across every line
     assert entry["inside_m"] > 0.99 * 20 * 4
-    page = (folder / "report.html").read_text()
-    assert "house" in page
-    assert "entered house" in page
-    ignored = eadp("simulate", plan, *FLIGHT, "--set", "obstacles=ignore")
-    assert ignored.code == 0
-
-
-@pytest.mark.slow
-def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
+    assert "entered house" in (folder / "report.html").read_text()
+    assert eadp("simulate", plan, *FLIGHT, "--set", "obstacles=ignore").code == 0
     text = covered.read_text()
-    plan = tmp_path / "small.plan"
     plan.write_text(text.replace(headers(text)["inside"], "%: inside -90,-90 500,-90 500,490 -90,490"))
     answer = eadp("simulate", plan, *FLIGHT)
     assert answer.code == 1
@@ -148,30 +140,23 @@ FORECAST = ("--set", "time_limit_s=1")
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("capacity_ah", [0.9, 1.2])
+@pytest.mark.parametrize("capacity_ah", [0.8, 1.2])
 @pytest.mark.parametrize("to", ["qgc", "ardupilot"])
 def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
     plan, scenario = blocks
     mission = tmp_path / "mission"
     given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}", *FORECAST)
     expected = json.loads(eadp("simulate", plan, *given, "--format", "json").out)["energy_forecast"]
+    chosen = expected["parameters"]["c1"]
+    assert (chosen < 0) == (capacity_ah < 1)
     answer = eadp("export", plan, "--to", to, "--origin", "55.37,10.43", *given, "-o", mission)
     assert answer.code == 0
+    spacing = read_plan(read_text(str(plan)))[0].parameters[0].text(chosen)
+    assert f"at spacing = {spacing}: " in answer.err
     assert f"{expected['time_s']:.0f} s, {expected['energy_wh']:.2f} Wh" in answer.err
     flown = json.loads(eadp("simulate", mission, *given, "--format", "json").out)
     assert flown["energy_forecast"]["time_s"] == pytest.approx(expected["time_s"], rel=0.01)
     assert flown["energy_forecast"]["energy_wh"] == pytest.approx(expected["energy_wh"], rel=0.01)
-
-
-def test_the_spacing_of_all_blocks_is_forecast_and_exported(eadp, blocks):
-    plan, scenario = blocks
-    given = ("--scenario", scenario, "--set", "battery.capacity_ah=0.8", *FORECAST)
-    summary = json.loads(eadp("simulate", plan, *given, "--format", "json").out)
-    chosen = summary["energy_forecast"]["parameters"]["c1"]
-    answer = eadp("export", plan, "--to", "qgc", "--origin", "55.37,10.43", *given)
-    spacing = read_plan(read_text(str(plan)))[0].parameters[0]
-    assert chosen < 0
-    assert f"at spacing = {spacing.text(chosen)}: " in answer.err
 
 
 def test_the_rest_of_a_mission(eadp, blocks):
@@ -239,20 +224,6 @@ def fence_rows(*rings):
     )
 
 
-def fence_plan(*rings):
-    """A plan of QGroundControl without a mission: its fence, of whether a ring is a boundary and its corners."""
-    polygons = [{"inclusion": inside, "polygon": ring, "version": 1} for inside, ring in rings]
-    mission = {"cruiseSpeed": 15, "firmwareType": 3, "hoverSpeed": 5, "items": [], "vehicleType": 1, "version": 2}
-    return json.dumps({
-        "fileType": "Plan",
-        "geoFence": {"circles": [], "polygons": polygons, "version": 2},
-        "groundStation": "QGroundControl",
-        "mission": {**mission, "plannedHomePosition": [55.37, 10.43, 0]},
-        "rallyPoints": {"points": [], "version": 2},
-        "version": 1,
-    })  # fmt: skip
-
-
 @pytest.fixture
 def leg(tmp_path):
     """A mission of a leg of 630 m to the east."""
@@ -265,15 +236,9 @@ def leg(tmp_path):
     return path
 
 
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("form", ["rows", "plan"])
-def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, form):
-    texts = {
-        "rows": fence_rows((5001, AROUND), (5002, ACROSS)),
-        "plan": fence_plan((True, AROUND), (False, ACROSS)),
-    }
+def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path):
     fence = tmp_path / "fence"
-    fence.write_text(texts[form])
+    fence.write_text(fence_rows((5001, AROUND), (5002, ACROSS)))
     wide = (leg, "--inside", fence)
     inside = planned(eadp, tmp_path / "inside.plan", *wide)
     assert "%: inside" in inside.read_text()
@@ -330,25 +295,16 @@ def test_boundaries_of_a_plan_and_beside_it_both_hold(eadp, covered, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("option", "rings", "message"),
+    ("plan", "option", "rings", "message"),
     [
-        (
-            "--avoid",
-            [(5001, AROUND)],
-            "expected a fence; those of this file belong to --inside",
-        ),
-        ("--inside", [(5001, [(0, 0), (0, 1), (1, 1)])], "1 polygon farther than 100 km left out"),
+        (None, "--avoid", [(5001, AROUND)], "expected a fence; those of this file belong to --inside"),
+        (None, "--inside", [(5001, [(0, 0), (0, 1), (1, 1)])], "1 polygon farther than 100 km left out"),
+        ("plans/survey.plan", "--inside", [(5001, AROUND)], "is in degrees, and what it lies beside is in metres"),
     ],
 )
-def test_a_fence_that_is_of_no_use_is_refused(eadp, leg, tmp_path, option, rings, message):
+def test_a_fence_that_is_of_no_use_is_refused(eadp, leg, tmp_path, plan, option, rings, message):
     (tmp_path / "fence.txt").write_text(fence_rows(*rings))
-    assert refused(eadp("plan", leg, option, tmp_path / "fence.txt"), message)
-
-
-def test_a_fence_in_degrees_beside_a_plan_in_metres_is_refused(eadp, tmp_path):
-    (tmp_path / "fence.txt").write_text(fence_rows((5001, AROUND)))
-    answer = eadp("plan", "plans/survey.plan", "--inside", tmp_path / "fence.txt")
-    assert refused(answer, "is in degrees, and what it lies beside is in metres")
+    assert refused(eadp("plan", plan or leg, option, tmp_path / "fence.txt"), message)
 
 
 @pytest.mark.parametrize("seconds", few([130, 400], 1))

@@ -300,11 +300,9 @@ def changed(line, column, text):
         (4, 9, "nan", "no coordinates"),
         (4, 11, "1e7", "an altitude"),
         (4, 4, "92", "the command 92 (NAV_GUIDED_ENABLE) cannot be flown"),
-        (4, 4, "93", "it hovers"),
         (4, 4, "17", "a loiter without end before other items"),
         (4, 4, "16.5", "no command"),
         (4, 3, "4", "the frame 4"),
-        (4, 12, "x", "is not a number"),
         (4, 9, "52.0", "too far from home"),
         (2, 9, "99", "home at latitude 99"),
     ],
@@ -322,16 +320,12 @@ def test_a_fault_of_a_field_is_at_the_field(line, column, text, words):
     ("items", "words"),
     [
         ([*GOOD[:2], item(177, 9, 1)], "a jump to item 9"),
-        ([*GOOD[:2], item(177, 0, 1)], "a jump to item 0"),
-        ([*GOOD[:2], item(177, 3, -1)], "flies nothing"),
         ([waypoint(300, 0), item(177, 3, -1), item(177, 2, -1)], "flies nothing"),
         ([*GOOD[:2], item(177, 1, 1e6)], f"more than {ITEMS_LIMIT} items are flown"),
         ([waypoint(300, 0), item(18, 1e9, east=0, north=900)], "turns"),
-        ([waypoint(300, 0), item(18, -1, east=0, north=900)], "number of turns"),
         ([waypoint(300, 0), item(178, 0, -7)], "a speed of -7"),
         ([item(18, 1, 0, 60, east=500, north=0), item(18, 1, 0, -60, east=520, north=0)], "no straight leads"),
         ([item(22)], "no item moves"),
-        ([], "no item moves"),
     ],
 )
 def test_a_mission_that_cannot_be_flown_is_an_error(items, words):
@@ -378,23 +372,6 @@ def test_places_that_are_doubtful():
     assert [finding.code for finding in read(wpl(waypoint(30_000, 0), waypoint(30_300, 0)))[1]] == ["far-home"]
     jump = [waypoint(300 * (i % 2), 300 * i) for i in range(20)]
     assert "as item 21 jumps back 400 times" in fault_of(wpl(*jump, item(177, 1, 400))).message
-
-
-def fenced(rally):
-    corners = [(5001, (4,), corner) for corner in ((-200, -200), (500, -200), (500, 500), (-200, 500))]
-    extra = [*corners, (5100, (), rally)]
-    rows = [row(i, command, *own, east=x, north=y) for i, (command, own, (x, y)) in enumerate(extra, 3)]
-    return wpl(waypoint(300, 0), waypoint(300, 300)) + "".join(rows)
-
-
-def test_a_file_of_fences_alone_says_so():
-    rows = fenced((0, 0)).splitlines(keepends=True)
-    here = waypoint(0, 0)
-    body = HEAD + row(1, *here[0], **here[1]) + "".join(rows[4:])
-    assert fault_of(body).message == "a fence, and no mission"
-    empty = qgc()
-    empty["geoFence"] = {"version": 2, "circles": [{"inclusion": True, "circle": {"center": [47, 8], "radius": 90}}]}
-    assert fault_of(empty).message == "a fence, and no mission"
 
 
 NO_HOME = HEAD.replace("47.0\t8.0", "0\t0")
@@ -457,19 +434,15 @@ FIRST = ("mission", "items", 0)
     ("path", "value", "words"),
     [
         (("fileType",), "Mission", "fileType: Mission is not known"),
-        (("version",), 2, "version: 2 is not known"),
         (("mission", "version"), 3, "mission.version: 3 is not known"),
         (("mission",), ..., "mission: nothing here"),
         (("mission", "plannedHomePosition"), [1, 2], "mission.plannedHomePosition: no position"),
         ((*FIRST, "type"), "FancyItem", "mission.items[0].type: FancyItem is not known"),
         ((*FIRST, "params"), [0] * 6, "mission.items[0].params: 6 parameters"),
         ((*FIRST, "params", 4), None, "mission.items[0]: no coordinates"),
-        ((*FIRST, "params", 4), 91, "mission.items[0]: a latitude of 91"),
         ((*FIRST, "params", 4), "1", "mission.items[0].params[4]: another kind"),
-        ((*FIRST,), {"type": "ComplexItem", "complexItemType": "survey", "version": 3}, "version: 3 is not known"),
         ((*FIRST,), {"type": "ComplexItem", "complexItemType": "survey", "version": 5}, "a survey without items"),
         ((*FIRST,), {"type": "ComplexItem", "complexItemType": "art", "version": 5}, "art is not known"),
-        ((*FIRST,), {"type": "ComplexItem", "complexItemType": "StructureScan", "version": 3}, "is not known"),
         ((*FIRST,), {"type": "ComplexItem", "complexItemType": "survey", "version": 5, "TransectStyleComplexItem":
                      {"Items": [], "HoverAndCapture": True}}, "hovers for each picture"),
     ],
@@ -522,9 +495,12 @@ def test_fences_beside_a_mission_keep_it_in_and_out():
     assert np.array(inside[0]) == pytest.approx(np.array(CORNERS), abs=CENTIMETRE_M)
     radii = [math.dist(corner, (450, 450)) for corner in outside.outline]
     assert radii == pytest.approx([20 / math.cos(math.pi / 32)] * 32, abs=CENTIMETRE_M)
-    alone = fault_of("QGC WPL 110\n" + FENCE)
-    assert alone.message == "a fence, and no mission"
-    assert "--inside" in alone.expected
+    empty = qgc()
+    empty["geoFence"] = {"version": 2, "circles": [{"inclusion": True, "circle": {"center": [47, 8], "radius": 90}}]}
+    for alone in ("QGC WPL 110\n" + FENCE, empty):
+        fault = fault_of(alone)
+        assert fault.message == "a fence, and no mission"
+        assert "--inside" in fault.expected
     assert fault_of("QGC WPL 110\n" + row(0, 5100, east=0, north=0)).message == "places to rally, and no mission"
     assert "without its last 1 corners" in fault_of(wpl(*GOOD) + FENCE[: FENCE.index("\n3\t") + 1]).message
 
@@ -538,15 +514,8 @@ def test_a_height_above_calculated_ground_is_one_above_ground():
     assert finding.code == "terrain"
 
 
-@pytest.mark.parametrize(
-    ("body", "words"),
-    [
-        ('<gpx version="1.1"/>', "is XML"),
-    ],
-)
-def test_a_mission_that_is_not_read_is_named_by_what_it_is(body, words):
-    assert words in fault_of(body).message
-    assert "not read" in fault_of(body).message or "no kind" in fault_of(body).message
+def test_a_mission_that_is_not_read_is_named_by_what_it_is():
+    assert "is XML" in fault_of('<gpx version="1.1"/>').message
 
 
 # --- commands ---------------------------------------------------------------------------------------------------------

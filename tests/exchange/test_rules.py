@@ -63,14 +63,10 @@ def test_a_steep_approach_is_refused_with_what_to_state_and_armed_with_that(eadp
     assert px4_refuses(mission) == []
 
 
-ROW = "{}\t0\t{}\t{}\t{}\t{}\t0\t{}\t{}\t{}\t{}\t1"
-
-
 @pytest.mark.parametrize(
     ("last", "message"),
     [
         ([(189,), (16, 47.002, 8.02, 60), (20,)], "one DO_LAND_START (189), before a landing"),
-        ([(189,), (189,), (16, 47.002, 8.02, 60), (21, 47.0, 8.001, 0)], "one DO_LAND_START (189), before a landing"),
         ([(16, 47.002, 8.02, 60), (21, 47.0, 8.02, 60)], "begins no higher than the landing"),
         ([(16, 47.002, 8.02, 60), (21, 47.002, 8.013, 0)], "is steeper than FW_LND_ANG, 5°"),
     ],
@@ -78,7 +74,8 @@ ROW = "{}\t0\t{}\t{}\t{}\t{}\t0\t{}\t{}\t{}\t{}\t1"
 def test_missions_of_others_that_px4_refuses(eadp, tmp_path, last, message):
     rows, given, mission = ["QGC WPL 110"], tmp_path / "given.waypoints", tmp_path / "m.plan"
     for i, (command, *place) in enumerate([(16, 47.0, 8.0, 0), (22, 0, 0, 50), (16, 47.003, 8.01, 60), *last]):
-        rows.append(ROW.format(i, 3, command, 0, 0, 0, *(place or (0, 0, 0))))
+        lat, lon, up = place or (0, 0, 0)
+        rows.append(f"{i}\t0\t3\t{command}\t0\t0\t0\t0\t{lat}\t{lon}\t{up}\t1")
     given.write_text("\n".join(rows) + "\n")
     answer = eadp("export", given, "--to", "px4", "-o", mission)
     assert answer.code == 1

@@ -136,14 +136,6 @@ def test_circles_that_overlap_otherwise_cannot_be_joined():
     assert caught.value.target == 1
 
 
-def test_a_circle_is_joined_and_left_from_within():
-    path = through([Loiter((10.0, 0.0), 60.0, 1), Waypoint((20.0, 10.0), 0.0), Waypoint((300.0, 0.0), 0.0)])
-    assert path.pieces[0][1].start[:2] == (0, 0)
-    joined = path.pieces[0][1].end
-    assert math.dist(joined[:2], (10, 0)) == pytest.approx(60)
-    assert nearest_m(path, (20, 10)) < 1
-
-
 def test_a_waypoint_on_the_circle_after_it_is_passed_on_it():
     with_it = through([Waypoint((100.0, 0.0), 50), Loiter((100.0, 60.0), 60.0, 1), Waypoint((0.0, 120.0), 0)])
     without = through([Loiter((100.0, 60.0), 60.0, 1), Waypoint((0.0, 120.0), 0)])

@@ -19,22 +19,18 @@ from eadp.io.text.streams import read_text
 from eadp.live.messages import values_of
 from eadp.live.mission import RestLayout, State
 
-SCENARIO = "scenarios/survey.yaml"
-
 
 @pytest.fixture(scope="module")
 def missions(plan, tmp_path_factory):
     """The mission of c1 = 0 for either autopilot: it takes off up to 50 m, and flies at 60 m."""
-    folder = tmp_path_factory.mktemp("mission")
-    made = {}
+    folder, made = tmp_path_factory.mktemp("mission"), {}
+    options = ("--altitude", "60", "--home", "55.37,10.43", "--set", "c1=0", "-o")
     for kind, to, name, items in (
         (ARDUPILOT, "ardupilot", "survey.waypoints", wpl_items),
         (PX4, "px4", "survey.plan", qgc_items),
     ):
-        path = folder / name
-        options = ("--altitude", "60", "--home", "55.37,10.43", "--set", "c1=0", "-o", str(path))
-        assert main(["export", str(plan), "--to", to, *options]) == 0
-        made[kind] = path, items(path)
+        assert main(["export", str(plan), "--to", to, *options, str(folder / name)]) == 0
+        made[kind] = folder / name, items(folder / name)
     return made
 
 

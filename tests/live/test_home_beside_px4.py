@@ -96,14 +96,7 @@ class Read:
         self.sent.append((kind, fields))
 
     def at(self, time_s, until_s, by_s=None):
-        line = {
-            "time_s": time_s,
-            "parameters": {},
-            "reason": "kept",
-            "warnings": [],
-            "soc_end_forecast": None,
-            "airspeed_mps": None,
-        }
+        line = {"time_s": time_s, "parameters": {}, "reason": "kept", "warnings": [], "airspeed_mps": None}
         line |= {"soc_end_forecast": None, "completes_probability": None}
         line |= {"point_of_no_return_s": until_s, "home_by_s": by_s}
         self.pilot.decision(line, completes=True)

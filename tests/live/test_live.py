@@ -96,15 +96,7 @@ MEASURED = ("velocity_mps", "heading_rad")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate_hz", "keys", "shift_s"),
-    few_rows(
-        [
-            (1, MEASURED, EPOCH_S),
-            (0.5, MEASURED, 0),
-            (5, ("stage",), 0),
-            (1, (), 0),
-        ],
-        1,
-    ),
+    few_rows([(1, MEASURED, EPOCH_S), (0.5, MEASURED, 0), (5, ("stage",), 0), (1, (), 0)], 1),
 )
 def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
     inputs, recorder = recorded
@@ -239,16 +231,12 @@ def reported_stages(flight, inputs, *stages):
     return answers
 
 
-def test_reported_stages_are_taken(recorded):
-    inputs = recorded[0]
-    advised = reported_stages(live(inputs), inputs, 1, 1, 2, 4, 1, 3)
-    assert advised == [(1, []), (1, []), (2, []), (4, []), (1, []), (3, [])]
-
-
-def test_a_jump_back_and_an_unknown_stage_give_one_notice_and_are_ignored(recorded):
+def test_reported_stages_are_taken_and_a_jump_back_and_an_unknown_one_give_one_notice(recorded):
     inputs = recorded[0]
     back = "stage 2 is before stage 3, which is flown; ignored"
     none = "there is no stage 7; ignored"
+    advised = reported_stages(live(inputs), inputs, 1, 1, 2, 4, 1, 3)
+    assert advised == [(1, []), (1, []), (2, []), (4, []), (1, []), (3, [])]
     advised = reported_stages(live(inputs), inputs, 3, 2, 2, 7, 7, 3, 2)
     assert advised == [(3, []), (3, [back]), (3, []), (3, [none]), (3, []), (3, []), (3, [])]
 

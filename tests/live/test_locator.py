@@ -113,28 +113,6 @@ def test_stages_that_are_reported_to_be_over_are_skipped_and_spread_over_the_ste
     assert found.stage_started_s == (6.0 if skips else 0.0)
 
 
-@pytest.mark.parametrize("number", [3, 12, 20])
-@pytest.mark.parametrize("on_path", [True, False])
-def test_a_flight_begins_in_its_middle_with_the_number_of_its_stage(number, on_path):
-    _, position, course = nominal((ENDS_S[number - 1] + ENDS_S[number]) / 2)
-    found = tracker()
-    found.begin_within(seen_at(0.0, position if on_path else (900.0, 900.0), course, stages_started=number + 1))
-    assert (place(found), found.executor.stages_started) == ((LEGS[number].lap, LEGS[number].stage.index), number + 1)
-    assert not found.stage_unknown
-
-
-@pytest.mark.parametrize("number", [5, 14])
-def test_a_flight_begins_in_its_middle_in_the_lap_of_its_position(number):
-    _, position, course = nominal((ENDS_S[number - 1] + ENDS_S[number]) / 2)
-    found = tracker()
-    found.begin_within(seen_at(0.0, position, course, LEGS[number].stage.index))
-    assert place(found) == (LEGS[number].lap, LEGS[number].stage.index)
-    assert found.stage_unknown
-    elsewhere = tracker()
-    elsewhere.begin_within(seen_at(0.0, (900.0, 900.0), course, 3))
-    assert place(elsewhere) == (0, 3), "the first lap's"
-
-
 CIRCLE = "%: trigger-radius 5\n0.002; 90; x^2 + y^2 - 50^2\n47, -17.06\n0.1; 90; x - 47\n47, 300\n"
 
 

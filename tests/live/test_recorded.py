@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("pymavlink")
 pytest.importorskip("pyulog")
 
+from common.answers import refused
 from common.autopilot_logs import dataflash, ulog
 from common.plans import ORIGIN
 from mavlink_vehicle import VOLTS, Autopilot, frames, is_near, recorded
@@ -173,17 +174,12 @@ def test_a_log_without_a_state_is_of_a_flight(plan, lines, tmp_path):
     assert not maker.landed
 
 
-def test_a_log_without_positions_has_no_flight(eadp, plan, lines, tmp_path):
-    path = tmp_path / "flight.bin"
-    path.write_bytes(dataflash({k: v for k, v in ardupilot(lines).items() if k not in ("POS", "XKF1")}))
-    answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", path)
-    assert answer.code == 2
-    assert f"{path}:1:1: error: has no flight" in answer.err
-
-
-def test_a_log_that_is_damaged_is_an_error(eadp, plan, tmp_path):
-    path = tmp_path / "flight.ulg"
-    path.write_bytes(b"ULog" + bytes(20))
-    answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", path)
-    assert answer.code == 2
-    assert f"{path}:1:1: error: cannot be read by pyulog" in answer.err
+def test_a_log_without_positions_or_that_is_damaged_is_an_error(eadp, plan, lines, tmp_path):
+    tables = {key: table for key, table in ardupilot(lines).items() if key not in ("POS", "XKF1")}
+    for name, body, fault in (
+        ("flight.bin", dataflash(tables), "has no flight"),
+        ("flight.ulg", b"ULog" + bytes(20), "cannot be read by pyulog"),
+    ):
+        (tmp_path / name).write_bytes(body)
+        answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", tmp_path / name)
+        assert refused(answer, f"{tmp_path / name}:1:1: error: {fault}")

@@ -119,29 +119,28 @@ def test_the_command_makes_the_same_page(eadp, folder, tmp_path):
     answer = eadp("report", copy)
     assert (answer.code, answer.err) == (0, "")
     assert (copy / "report.html").read_bytes() == (folder / "report.html").read_bytes()
-    assert eadp("report", copy, "-o", "-").out == (folder / "report.html").read_text(encoding="utf-8")
     assert library.report(copy) == str(copy / "report.html")
+    assert eadp("report", copy, "-o", "-").out == (folder / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
     ("name", "body", "words"),
     [
-        ("summary.json", "{", ("summary.json:1:2: error: is not JSON",)),
-        ("summary.json", "{}", ("summary.json:1:1: error: is damaged",)),
-        ("flight.csv", "", ("flight.csv:1:1: error: is empty",)),
-        ("flight.csv", "time_s,stage\n", ("flight.csv:2:1: error: no rows",)),
-        ("flight.csv", "time_s,stage\n1,x\n", ("flight.csv:2:3: error: x is not a number",)),
-        ("flight.csv", "time_s,stage\n1,1\n", ("is damaged",)),
-        ("decisions.jsonl", "{}\n", ("is damaged",)),
-        ("decisions.jsonl", '{"time_s": 1}\nx\n', ("decisions.jsonl:2:1: error: is not JSON",)),
-        ("inputs/survey.plan", "0.1; 90; x +\n1, 2\n", ("inputs:1:1: error: has no plan",)),
+        ("summary.json", "{", "summary.json:1:2: error: is not JSON"),
+        ("summary.json", "{}", "summary.json:1:1: error: is damaged"),
+        ("flight.csv", "", "flight.csv:1:1: error: is empty"),
+        ("flight.csv", "time_s,stage\n", "flight.csv:2:1: error: no rows"),
+        ("flight.csv", "time_s,stage\n1,x\n", "flight.csv:2:3: error: x is not a number"),
+        ("flight.csv", "time_s,stage\n1,1\n", "is damaged"),
+        ("decisions.jsonl", '{"time_s": 1}\nx\n', "decisions.jsonl:2:1: error: is not JSON"),
+        ("inputs/survey.plan", "0.1; 90; x +\n1, 2\n", "inputs:1:1: error: has no plan"),
     ],
 )
 def test_a_damaged_folder_is_refused_and_nothing_written(eadp, folder, tmp_path, name, body, words):
     copy = shutil.copytree(folder, tmp_path / "copy")
     before = (copy / "report.html").read_bytes()
     (copy / name).write_text(body)
-    refused(eadp("report", copy), *words)
+    refused(eadp("report", copy), words)
     assert (copy / "report.html").read_bytes() == before
 
 

@@ -59,13 +59,7 @@ class Autopilot:
         return self.frame("battery_status", 0, 0, 1, 32767, cells, round(amps * 100), consumed, -1, share)
 
     def position(
-        self,
-        time_s: float,
-        x: float,
-        y: float,
-        velocity: list[float],
-        heading_deg: float,
-        altitude_m: float = 25.0,
+        self, time_s: float, x: float, y: float, velocity: list[float], heading_deg: float, altitude_m: float = 25.0
     ) -> bytes:
         """Where it is."""
         lat, lon = (round(value * 1e7) for value in to_geodetic_deg(x, y, ORIGIN))
@@ -89,10 +83,7 @@ def frames(
     still = (first["x_m"], first["y_m"], [0.0, 0.0], first["heading_deg"])
     for k in range(round(ground_s)):
         time_s = offset_s - ground_s + k
-        yield (
-            time_s,
-            [autopilot.heartbeat(armed=False, active=False), autopilot.position(time_s, *still)],
-        )
+        yield (time_s, [autopilot.heartbeat(armed=False, active=False), autopilot.position(time_s, *still)])
     drawn_ah = 0.0
     before_s = lines[0]["time_s"]
     for line in lines:
@@ -175,7 +166,6 @@ class MissionHolder:
         self.first = len(home)
         self.current, self.writes, self.kinds = self.first, [], list[str]()
         self.parameters: dict[str, float] = {}
-        self.uploads = 0  # how many it has accepted
         self._parser = dialect.MAVLink(None)
         self._due: list[int] = []
         self._coming: list[Item] = []  # a mission that PX4 gets
@@ -207,7 +197,7 @@ class MissionHolder:
             self._due.pop(0)
             if self._due:
                 return [self._frame("mission_request_int", self._due[0])]
-            self.items, self.uploads = self._coming if self.px4 else self.items, self.uploads + 1
+            self.items = self._coming if self.px4 else self.items
             self.current = self.first if self.resets else self.current
             return [self._frame("mission_ack", 0), *self._text(self.refusal)]
         if kind == "MISSION_ITEM_INT" and self._due:  # again: what was asked for is lost; as ArduPilot
@@ -224,16 +214,6 @@ class MissionHolder:
                 self.autopilot.frame("named_value_float", message.time_boot_ms, message.name.encode(), message.value)
             ]
         return []
-
-    @property
-    def receives(self) -> bool:
-        """Whether an upload goes on."""
-        return bool(self._due)
-
-    @property
-    def request(self) -> bytes:
-        """A request for the item that is to come."""
-        return self._frame("mission_request_int", self._due[0])
 
     @property
     def current_item(self) -> bytes:
@@ -266,10 +246,6 @@ class MissionHolder:
         if not self.refusal:
             return []
         return self._text("Arming denied: Resolve system health failures first\t" if self.px4 else self.refusal)
-
-    def give_up(self) -> None:
-        """End an upload halfway: ArduPilot's first items are new, the rest is old; PX4 keeps its mission."""
-        self._due = []
 
     def _kept(self, command: int, frame: int, numbers: tuple[float, ...]) -> Item:
         return (as_px4 if self.px4 else as_ardupilot)(command, frame, numbers)

@@ -155,22 +155,14 @@ def test_pictures_faster_than_the_camera_are_warned_of(eadp):
     ("options", "words"),
     [
         ({}, "--swath, or --altitude"),
-        (
-            {"--camera": "sony"},
-            "--camera:1:1: error: no camera sony; expected a camera file (.yaml), or one of canon-s100",
-        ),
+        ({"--camera": "sony"}, "no camera sony; expected a camera file (.yaml), or one of canon-s100"),
         ({"--camera": "sony-rx0"}, "--altitude:1:1: error: the camera needs --altitude too; expected --gsd or"),
         ({**PHANTOM, "--gsd": 2, "--altitude": 73}, "--gsd:1:1: error: the size of a pixel beside the altitude"),
-        (
-            {**PHANTOM, "--gsd": 0.02},
-            "--gsd:1:1: error: 0.02 is out of range; expected from 0.1 to 1000",
-        ),
-        ({"--gsd": 2, "--swath": 30}, "--sensor-width-mm:1:1: error: the camera needs --sensor-width-mm too"),
+        ({**PHANTOM, "--gsd": 0.02}, "--gsd:1:1: error: 0.02 is out of range; expected from 0.1 to 1000"),
         ({"--swath": 30, "--side-overlap": 70}, "one of the two"),
         ({**CAMERA, "--side-overlap": 0.7}, "--side-overlap:1:1: error: 0.7 %; expected percent"),
         ({**CAMERA, "--side-overlap": "60:70"}, "wanted and acceptable, as 70:60"),
         ({**CAMERA, "--forward-overlap": 80}, "the camera needs --sensor-height-mm too"),
-        ({"--swath": 30, "--forward-overlap": 80, "--sensor-height-mm": 9}, "the camera needs --altitude too"),
     ],
 )
 def test_a_camera_that_is_none_is_refused(eadp, options, words):
@@ -270,27 +262,18 @@ def test_a_field_too_narrow_for_the_pattern_is_a_no(eadp, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "where"),
+    "arguments",
     [
-        (("--min-radius", "0", "--swath", "30"), "--min-radius:1:1"),
-        ((*FLAGS, "--start", "1e9,0"), "--start:1:1"),
-        ((*FLAGS, "--plot", "nowhere/at/all.svg"), "--plot:1:1"),
-        (("--min-radius", "30", "--swath", "nan"), "--swath:1:1"),
-        ((*FLAGS, "--radius", "20"), "--radius:1:1"),
-        ((*FLAGS, "--spacing", "31"), "--spacing:1:1"),
-        ((*FLAGS, "--wind", "15,0"), "--wind:1:1"),
-        ((*FLAGS, "--heading", "inf"), "--heading:1:1"),
-        ((*FLAGS, "--home", "1,2,3"), "--home:1:1"),
-        ((*FLAGS, "--plot", "picture.gif"), "picture.gif:1:1"),
-        ((*FLAGS, "--lead-in", "-1"), "--lead-in:1:1"),
+        ("--min-radius", "0"), ("--start", "1e9,0"), ("--plot", "nowhere/at/all.svg"), ("--swath", "nan"),
+        ("--radius", "20"), ("--spacing", "31"), ("--wind", "15,0"), ("--heading", "inf"), ("--home", "1,2,3"),
+        ("--lead-in", "-1"),
     ],
-)
-def test_options_out_of_range_are_refused(eadp, box, tmp_path, arguments, where):
+)  # fmt: skip
+def test_options_out_of_range_are_refused(eadp, box, tmp_path, arguments):
     out = tmp_path / "p.plan"
-    answer = eadp("cover", box, *arguments, "-o", out)
-    assert answer.code == 2
-    assert answer.err.startswith(f"{where}: error: ")
-    assert answer.out == ""
+    answer = eadp("cover", box, *FLAGS, *arguments, "-o", out)
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err.startswith(f"{arguments[0]}:1:1: error: ")
     assert not out.exists()
 
 
@@ -348,21 +331,14 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("altitude", "home", "avoided"),
-    few_rows([(55, "-50,-50", False), (102, "-50,-50", False), (54, "-50,-50", True), (102, "220,210", True)], 3),
+    few_rows([(55, "-50,-50", False), (54, "-50,-50", True), (102, "220,210", True)], 3),
 )
 def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, altitude, home, avoided):
     """By its height and the clearance of 20 m, but not by a climb from a home beside it."""
     w, s, e, n = 290, 170, 310, 190
-    (tmp_path / "pole.geojson").write_text(
-        json.dumps(
-            {
-                "type": "Feature",
-                "units": "m",
-                "properties": {"name": "pole", "height": 35},
-                "geometry": {"type": "Polygon", "coordinates": [[(w, s), (e, s), (e, n), (w, n), (w, s)]]},
-            }
-        )
-    )
+    pole = {"type": "Feature", "units": "m", "properties": {"name": "pole", "height": 35}}
+    pole["geometry"] = {"type": "Polygon", "coordinates": [[[w, s], [e, s], [e, n], [w, n], [w, s]]]}
+    (tmp_path / "pole.geojson").write_text(json.dumps(pole))
     plan = tmp_path / "field.plan"
     wing = ("--vehicle", "vehicles/foam-wing.yaml", "--altitude", altitude, "--heading", "90", "--pattern", "dubins")
     answer = eadp("cover", *limits, *wing, f"--home={home}", "--avoid", tmp_path / "pole.geojson", "-o", plan)
@@ -429,17 +405,6 @@ def test_a_start_or_a_home_where_none_may_fly_is_refused(eadp, limits, tmp_path,
     answer = eadp("cover", *limits, f"--{limit}", tmp_path / "limit.csv", option, "-50,-50")
     assert (answer.code, answer.out) == (2, "")
     assert f"{option}:1:1: error: lies in an obstacle or beyond the boundary" in answer.err
-
-
-def test_obstacles_that_touch_or_overlap(eadp, limits, tmp_path):
-    corners = [(200, 100, 250, 160), (250, 100, 300, 160), (280, 120, 330, 180)]
-    rings = [[[(w, s), (e, s), (e, n), (w, n), (w, s)]] for w, s, e, n in corners]
-    document = {"type": "MultiPolygon", "units": "m", "coordinates": rings}
-    (tmp_path / "houses.geojson").write_text(json.dumps(document))
-    plan = tmp_path / "around.plan"
-    answer = eadp("cover", *limits, "--avoid", tmp_path / "houses.geojson", "-o", plan)
-    assert "stays      out of 3 obstacles" in answer.out
-    assert eadp("simulate", plan).code == 0
 
 
 def test_pictures_are_taken_on_the_line_alone(eadp, box):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from functools import cache
 from itertools import product
@@ -26,8 +25,7 @@ from eadp.models.airspace import Field
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import default_start
 from eadp.simulation.loop import Outcome, fly
-from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
-from eadp.survey.field_reader import read_field
+from eadp.survey.coverage import DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
 from eadp.survey.plan_builder import FieldComputations, build_plan
 from eadp.survey.report import covered_by_lines
 from eadp.survey.swaths import MotionLimits
@@ -195,14 +193,9 @@ def test_a_wind_as_fast_as_the_aircraft_is_refused():
 
 
 def test_more_lines_than_the_limit_are_refused():
+    large = Field(((0.0, 0.0), (9000.0, 0.0), (9000.0, 9000.0), (0.0, 9000.0)))
     with pytest.raises(Infeasible, match="lines"):
-        cover(
-            CoverageRequest(
-                Field(((0.0, 0.0), (9000.0, 0.0), (9000.0, 9000.0), (0.0, 9000.0))),
-                MotionLimits(2, 30, 45, 1.5),
-                DUBINS,
-            )
-        )
+        cover(CoverageRequest(large, MotionLimits(2, 30, 45, 1.5), DUBINS))
 
 
 def flown_share(field, solution, path, wind_deg, c1):
@@ -211,17 +204,9 @@ def flown_share(field, solution, path, wind_deg, c1):
     It banks at once, as the coverage paths assume; the physical one rolls into it in 0.3 s.
     """
     path.write_text(plan_text(build_plan(solution)))
-    wind = {} if wind_deg is None else {"wind.speed_mps": 5, "wind.towards_deg": wind_deg}
-    parameters = {"parameters": {"c1": c1}} if c1 < 0 else {}
-    settings = {
-        "vehicle.airframe.model": "paper",
-        "planner.name": "static",
-        "battery.capacity_ah": 20,
-        "step_s": 0.05,
-        **wind,
-        **parameters,
-    }
-    inputs = load_flight(str(path), overrides=settings)
+    keys = {"vehicle.airframe.model": "paper", "planner.name": "static", "battery.capacity_ah": 20, "step_s": 0.05}
+    keys |= {"wind.speed_mps": 5, "wind.towards_deg": wind_deg} | ({"parameters": {"c1": c1}} if c1 < 0 else {})
+    inputs = load_flight(str(path), overrides=keys)
     outcome, rest = Outcome(), shapely.Polygon(field.outline, field.holes)
     kinds = {stage.index: stage.kind for stage in inputs.world.plan.stages}
     runs = itertools.groupby(fly(inputs.world, inputs.flight(), outcome), key=lambda step: step.stage)
@@ -242,17 +227,3 @@ def test_what_the_aircraft_flies_covers_the_field(pattern, c1_at, tmp_path):
     completed, share = flown_share(field, solution, tmp_path / "field.plan", 110, c1)
     assert completed
     assert share >= 0.99
-
-
-@pytest.mark.parametrize("index", few([0, 8], 0))
-def test_real_outlines_are_covered_by_what_is_flown(index, reference, tmp_path):
-    """Without wind and in wind from one of eight directions each; the benchmark flies them all in all."""
-    features = json.loads((reference / "fields" / "real_outlines_m.geojson").read_text())["features"]
-    text = Text("field", json.dumps(features[index]))
-    field, _ = read_field(text, metres=True)
-    for pattern in (AUTO, ZAMBONI):
-        solution = cover(CoverageRequest(field, MOTION, pattern))
-        for wind_deg in (None, 45 * (index % 8)):
-            completed, share = flown_share(field, solution, tmp_path / "field.plan", wind_deg, solution.min_c1)
-            assert completed
-            assert share >= 0.99

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 
 from eadp.survey.swaths import EDGE_M, levels_above, upper_envelope
 
-metre = 1e-6
-
 
 def star(seed, corners):
     """A polygon round the origin whose corners lie at any distance: bays and all."""
@@ -43,16 +41,6 @@ def test_the_reach_in_a_strip_is_that_of_the_polygon_cut_out(seed, corners, u, w
         assert found == pytest.approx(expected, abs=1e-4)
 
 
-def test_a_strip_beside_a_polygon_has_none_of_it():
-    square = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (0.0, 5.0)])
-    assert upper_envelope(square).over([-20.0, 5.0, 30.0], 10.0).tolist() == [-math.inf, 5.0, -math.inf]
-
-
-def test_an_upright_edge_that_a_strip_only_touches_is_its_neighbours():
-    step = np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 200.0), (30.0, 200.0), (30.0, 50.0), (0.0, 50.0)])
-    assert upper_envelope(step).over([15.0, 45.0], 30.0) == pytest.approx([50.0, 200.0], abs=metre)
-
-
 @given(st.integers(0, 10_000), st.integers(3, 30), st.floats(10, 60), st.floats(0.0, 2.0))
 @example(9999, 26, 13.78125, 0.0)  # an edge that rises by 20 km in a metre
 def test_levels_are_never_below_what_strips_reach(seed, corners, width, slack):
@@ -69,10 +57,3 @@ def test_levels_are_never_below_what_strips_reach(seed, corners, width, slack):
     assert (bound >= reached - 1e-3).all()
     assert levels.places_m[0] == 0
     assert levels.places_m[-1] == length
-
-
-def test_levels_of_a_rectangle_are_flat():
-    box = np.array([(0.0, 0.0), (300.0, 0.0), (300.0, 80.0), (0.0, 80.0)])
-    levels = levels_above([(upper_envelope(box), 15.0)], 200.0, 30.0)
-    assert levels.places_m == (0.0, 200.0)
-    assert levels.levels_m == (80.0, 80.0)

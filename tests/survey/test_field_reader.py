@@ -156,13 +156,6 @@ def test_degrees_are_those_of_the_vertices(ring, latitude, longitude):
         assert to_local_m(*back, (lat, lon)) == pytest.approx((0, 0), abs=2 * MICROMETRE)
 
 
-def test_across_the_antimeridian():
-    field, mended = read(polygon(around(BOX, (-16.5, 179.9996))))
-    assert mended == []
-    assert field.area_m2 == pytest.approx(8000, abs=0.01)
-    assert field.origin_deg[1] == pytest.approx(-180 + (50 - 0.0004 * 106_730) / 106_730, abs=1e-6)
-
-
 @pytest.mark.parametrize(
     "wrap",
     [
@@ -211,42 +204,24 @@ def test_kml_of_any_namespace_with_entities_and_comments():
 @pytest.mark.parametrize("units", ["m", " Metre ", "m, local frame"])
 def test_units_in_metres(units):
     plain = polygon([*BOX, BOX[0]])
-    assert field_of(polygon([*BOX, BOX[0]], units=units)).outline == BOX
-    feature = '{"type": "Feature", "properties": {"units": %s}, "geometry": %s}'
-    assert field_of(feature % (json.dumps(units), plain)).outline == BOX
-    collection = '{"type": "FeatureCollection", "units": %s, "features": [{"type": "Feature", "geometry": %s}]}'
-    assert field_of(collection % (json.dumps(units), plain)).outline == BOX
+    feature = f'{{"type": "Feature", "properties": {{"units": {json.dumps(units)}}}, "geometry": {plain}}}'
+    collection = f'{{"type": "FeatureCollection", "units": {json.dumps(units)}, "features": [{feature}]}}'
+    for body in (polygon([*BOX, BOX[0]], units=units), feature, collection):
+        assert field_of(body).outline == BOX
 
 
-@pytest.mark.parametrize("units", ["m/s", "minutes", "degrees", 5])
-def test_units_that_do_not_say_metres(units):
-    degrees = around(BOX)
-    assert field_of(polygon(degrees, units=units)) == field_of(polygon(degrees))
+@pytest.mark.parametrize("units", ["m/s", 5])
+@pytest.mark.parametrize("name", [None, "urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326"])
+def test_what_does_not_say_metres_is_in_degrees(units, name):
+    given = {"units": units} if name is None else {"crs": named(name)}
+    assert field_of(polygon(around(BOX), **given)) == field_of(polygon(around(BOX)))
 
 
 def named(name):
     return {"type": "name", "properties": {"name": name}}
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "urn:ogc:def:crs:OGC:1.3:CRS84",
-        "EPSG:4326",
-        "http://www.opengis.net/def/crs/EPSG/0/4326",
-    ],
-)
-def test_systems_in_degrees(name):
-    assert field_of(polygon(around(BOX), crs=named(name))) == field_of(polygon(around(BOX)))
-
-
-@pytest.mark.parametrize(
-    ("crs", "named_so"),
-    [
-        (named("EPSG:25899"), "EPSG:25899"),
-        (12, "without a name"),
-    ],
-)
+@pytest.mark.parametrize(("crs", "named_so"), [(named("EPSG:25899"), "EPSG:25899"), (12, "without a name")])
 def test_an_unknown_system_asks_for_metres(crs, named_so):
     body = polygon([*BOX, BOX[0]], crs=crs)
     expected = "degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson f, or --metres"
@@ -270,20 +245,15 @@ def test_web_mercator_is_not_in_metres():
         (
             polygon([(10.43, 55.37), (10.4316, 55.37), (10.43, 55.3707)]),
             {"metres": True},
-            "an area of less than 1 m²; expected 1 m² or more, or no --metres",
+            "1 m² or more, or no --metres",
         ),
         (
             polygon([(x + 550_000, y) for x, y in BOX]),
             {},
-            "a vertex at longitude 550000, latitude 0; expected longitude within ±180 and",
+            "longitude 550000, latitude 0; expected longitude within ±180 ",
         ),
-        (polygon([(0, 0), (100, 0), (0, 120)]), {}, "a vertex at longitude 0, latitude 120; expected longitude within"),
         (polygon([*BOX, BOX[0]]), {}, "a vertex farther than 100 km from the middle of the first outline"),
-        (
-            polygon([(lat, lon) for lon, lat in around(BOX, (-33.9, 151.2))]),
-            {},
-            "±85 degrees, longitude before latitude",
-        ),
+        (polygon([(lat, lon) for lon, lat in around(BOX, (-33.9, 151.2))]), {}, "longitude before latitude"),
         (table(BOX, header="lon,lat"), {}, "or columns called x_m and y_m"),
         (
             in_metres(BOX),
@@ -327,16 +297,15 @@ def test_zones_that_mirrored_lie_near_the_field():
 @pytest.mark.parametrize(
     ("body", "fault"),
     [
-        ("0,0\n100,0\n100,80\n", "1:1: error: no columns of vertices; expected a header such as x_m,y_m or lon,lat"),
-        ("lat,y\n0,0\n", "1:1: error: no columns of vertices; expected a header such as x_m,y_m or lon,lat"),
-        ("x,y,lon,lat\n", "1:1: error: more columns of vertices than two; expected a header"),
-        ("x,y\n", "1:1: error: an area of less than 1 m²"),
-        ("# nothing\n\n", "1:1: error: no vertices; expected a header such as x_m,y_m or lon,lat, and a row for each"),
-        (" \n\n", "1:1: error: is empty; expected a field as GeoJSON, KML or a CSV of vertices"),
+        ("lat,y\n0,0\n", "no columns of vertices; expected a header such as x_m,y_m or lon,lat"),
+        ("x,y,lon,lat\n", "more columns of vertices than two; expected a header"),
+        ("x,y\n", "an area of less than 1 m²"),
+        ("# nothing\n\n", "no vertices; expected a header such as x_m,y_m or lon,lat, and a row for each"),
+        (" \n\n", "is empty; expected a field as GeoJSON, KML or a CSV of vertices"),
     ],
 )
 def test_tables_that_cannot_be_told(body, fault):
-    assert fault_of(body).startswith(fault)
+    assert fault_of(body).startswith(f"1:1: error: {fault}")
 
 
 # --- the options ------------------------------------------------------------------------------------------------------
@@ -358,21 +327,14 @@ THREE = features(
 
 
 @pytest.mark.parametrize(
-    ("feature", "index", "name"),
-    [
-        (" North ", 0, "North"),
-        ("n1", 0, "North"),
-        ("7", 0, "North"),
-        ("s", 1, "1"),
-        ("1", 1, "1"),  # its name comes before a number
-        ("2", 1, "1"),
-        (" 3 ", 2, "2.5"),
-        ("2.5", 2, "2.5"),
-    ],
+    ("asked", "index", "name"),
+    [((" North ", "n1", "7"), 0, "North"), (("s", "1", "2"), 1, "1"), ((" 3 ", "2.5"), 2, "2.5")],
 )
-def test_a_feature_by_its_name_its_id_or_its_number(feature, index, name):
-    field = field_of(THREE, feature=feature)
-    assert (field.name, field.outline[0]) == (name, (1000 * index, 0))
+def test_a_feature_by_its_name_its_id_or_its_number(asked, index, name):
+    """In this order: 1 is a name, and no number."""
+    for feature in asked:
+        field = field_of(THREE, feature=feature)
+        assert (field.name, field.outline[0]) == (name, (1000 * index, 0))
 
 
 def test_one_of_several_features_has_to_be_asked_for():
@@ -418,46 +380,28 @@ APART = "expected a ring that neither crosses nor touches itself, holes within t
 @pytest.mark.parametrize(
     ("rings", "fault"),
     [
-        *(
-            (rings, "1:1: error: an area of less than 1 m²; expected 1 m² or more, or a file without units in metres")
-            for rings in (
-                [[]],
-                [BOX[:1]],
-                [[*BOX[:2], BOX[0]]],
-                [[(0, 0), (50, 0), (100, 0)]],
-                [[(0, 0), (1.5, 0), (0, 1)]],
-            )
-        ),
+        *(([ring], "an area of less than 1 m²; expected 1 m² or more") for ring in (BOX[:1], [*BOX[:2], BOX[0]])),
         (
-            [[(0, 0), (100, 80), (99, 0), (1, 70)]],
-            f"1:1: error: the outline crosses itself at (46.70, 37.36) m; {APART}",
+            [[(0, 0), (1.5, 0), (0, 1)]],
+            "an area of less than 1 m²; expected 1 m² or more, or a file without units in m",
         ),
-        (
-            [BOX, [(20, 20), (40, 41), (40, 20), (21, 41)]],
-            f"1:1: error: hole 1 crosses itself at (30.26, 30.77) m; {APART}",
-        ),
+        ([[(0, 0), (100, 80), (99, 0), (1, 70)]], f"the outline crosses itself at (46.70, 37.36) m; {APART}"),
         (
             [BOX, POND, [(20, 50), (41, 70), (40, 50), (20, 70)]],
-            f"1:1: error: hole 2 crosses itself at (30.24, 59.76) m; {APART}",
+            f"hole 2 crosses itself at (30.24, 59.76) m; {APART}",
+        ),
+        (
+            [BOX, POND, [(90, 30), (90, 50), (110, 50), (110, 30)]],
+            "hole 2 crosses the outline or another hole, or runs",
         ),
     ],
 )
 def test_rings_that_are_none(rings, fault):
-    if rings == [[]]:
-        assert fault_of('{"type": "Polygon", "coordinates": [[]], "units": "m"}') == fault
-        return
-    found = fault_of(polygon(*rings, units="m"))
-    assert found == fault
+    assert fault_of(polygon(*rings, units="m")).startswith(f"1:1: error: {fault}")
 
 
 def moved(ring, dx, dy):
     return [(x + dx, y + dy) for x, y in ring]
-
-
-def test_holes_that_cross_are_refused():
-    found = fault_of(polygon(BOX, POND, moved(POND, 70, 10), units="m"))
-    assert found.startswith("1:1: error: hole 2 crosses the outline or another hole, or runs along it at (")
-    assert found.endswith(APART)
 
 
 def test_a_crossing_is_told_in_degrees_too():
@@ -475,28 +419,20 @@ def test_a_crossing_is_told_in_degrees_too():
     [
         (
             table([(0, 0), (60_000, 0), (60_000, 10)]),
-            f"1:1: error: 60 km by 0.01 km; expected {WIDE}, or columns called lon and lat",
+            f"60 km by 0.01 km; expected {WIDE}, or columns called lon and lat",
         ),
-        (
-            polygon([(10, 55), (11, 55), (11, 55.1)]),
-            f"1:1: error: 63.99 km by 11.13 km; expected {WIDE}, or --metres",
-        ),
-        (polygon([(-100, 5), (100, 5), (100, 5.1)]), "1:1: error: a vertex farther than 100 km from the middle"),
+        (polygon([(10, 55), (11, 55), (11, 55.1)]), f"63.99 km by 11.13 km; expected {WIDE}, or --metres"),
         # the far side of the earth, which the plane would fold onto the field
         (
             polygon(around(BOX), [(-169.57, -55.37), (-169.57, -55.3701), (-169.5701, -55.3701)]),
-            "1:1: error: a vertex farther than 100 km from the middle",
+            "a vertex farther than 100 km from the middle",
         ),
-        (table([*BOX, (2e8, 0)]), "1:1: error: a coordinate of 2e+08 m; expected at most 1e+08"),
-        (table([*BOX[:3], (1e300, -1e300)]), "1:1: error: a coordinate of 1e+300 m; expected at most "),
-        (
-            polygon([(10, 84.9999), (10.01, 85.0001), (10, 85.0001)]),
-            "1:1: error: a vertex at longitude 10.01, latitude 85.0001; expected longitude within ",
-        ),
+        (table([*BOX[:3], (1e300, -1e300)]), "a coordinate of 1e+300 m; expected at most 1e+08"),
+        (polygon([(10, 84.9999), (10.01, 85.0001), (10, 85.0001)]), "a vertex at longitude 10.01, latitude 85.0001; "),
     ],
 )
 def test_fields_that_are_too_large_or_too_far(body, fault):
-    assert fault_of(body).startswith(fault)
+    assert fault_of(body).startswith(f"1:1: error: {fault}")
 
 
 def ring_of(n):
@@ -560,17 +496,15 @@ def test_parts_that_overlap_count_once_and_those_without_an_area_are_left_out():
 
 @pytest.mark.parametrize("form", ["kml", "geojson"])
 def test_closed_lines_are_outlines_where_there_is_no_polygon(form):
+    def body(line):
+        if form == "geojson":
+            return json.dumps({"type": "LineString", "coordinates": line})
+        places = " ".join(f"{x},{y},0" for x, y in line)
+        return f"<kml><Placemark><LineString><coordinates>{places}</coordinates></LineString></Placemark></kml>"
+
     ring = [(10.0, 55.0), (10.01, 55.0), (10.01, 55.01), (10.0, 55.0)]
-    bodies = {
-        "kml": lambda line: (
-            "<kml><Placemark><name>n</name><LineString><coordinates>"
-            + " ".join(f"{x},{y},0" for x, y in line)
-            + "</coordinates></LineString></Placemark></kml>"
-        ),
-        "geojson": lambda line: json.dumps({"type": "LineString", "coordinates": line}),
-    }
-    assert field_of(bodies[form](ring)).outline == field_of(polygon(ring)).outline
-    assert "no polygon, only" in fault_of(bodies[form](ring[:3]))
+    assert field_of(body(ring)).outline == field_of(polygon(ring)).outline
+    assert "no polygon, only" in fault_of(body(ring[:3]))
 
 
 def test_zones_far_from_the_field_are_left_out_and_large_ones_cut():
@@ -628,16 +562,9 @@ NO_POSITION = "3:1: error: no position; expected longitude, latitude and perhaps
 @pytest.mark.parametrize(
     ("position", "fault"),
     [
-        *((each, NO_POSITION) for each in ("[1]", "[]", "[1, 2, 3, 4]", "[1, true]", "[null, 1]", '[1,  "2"]')),
-        *(
-            (each, NO_POSITION)
-            for each in ("[1, 2, [3]]", "[1, [2, 3]]", "[1e999, 2]", f"[2, -{'9' * 400}]", "7", "{}")
-        ),
+        *((each, NO_POSITION) for each in ("[1]", "[1, 2, 3, 4]", "[1, true]", "[1, [2, 3]]", "[1e999, 2]", "{}")),
         ("[NaN, 2]", "3:2: error: NaN is no number of JSON; expected a finite number"),
-        ("[1, -Infinity]", "3:5: error: -Infinity is no number of JSON; expected a finite number"),
         ("[1, 02]", "3:6: error: is not JSON: 2 cannot stand here; expected a comma or ]"),
-        ("[1, +2]", "3:5: error: is not JSON: + cannot stand here; expected a value"),
-        ("[1, 2,]", "3:7: error: is not JSON: ] cannot stand here; expected a value"),
         ("[1, 2", "4:9: error: is not JSON: } cannot stand here; expected a comma or ]"),
         ("[1, 2]\x00", "3:7: error: is not JSON: \\x00 cannot stand here; expected a comma or ]"),
     ],
@@ -650,46 +577,31 @@ def test_faults_of_a_position(position, fault):
 @pytest.mark.parametrize(
     ("body", "fault"),
     [
-        *(
-            (each, "1:1: error: no object of GeoJSON with a type; expected a Polygon, F")
-            for each in ("[]", "[[0, 0]]", "{}")
-        ),
-        ('\n {"type": 5}', "2:2: error: no object of GeoJSON with a type"),
-        (
-            '{"type": "Point", "coordinates": [1, 2]}',
-            "1:1: error: no polygon, only open lines and points; expected a polygon, or ",
-        ),
-        (
-            '{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": null}]}',
-            "1:1: error: no polygon;",
-        ),
+        *((each, "1:1: error: no object of GeoJSON with a type; expected a Polygon, F") for each in ("[]", "{}")),
+        ('{"type": "Point", "coordinates": [1, 2]}', "1:1: error: no polygon, only open lines and points; expected a "),
         ('{"type": "FeatureCollection", "features": []}', "1:1: error: no polygon; expected a polygon"),
-        ('{"type": "FeatureCollection"}', "1:1: error: no list of features; expected features with a list"),
-        ('{"type": "FeatureCollection",\n"features": {}}', "1:1: error: no list of features"),
+        (
+            '{"type": "FeatureCollection",\n"features": {}}',
+            "1:1: error: no list of features; expected features with a ",
+        ),
         ('{"type": "FeatureCollection", "features": [\n3]}', "2:1: error: no object of GeoJSON with a type"),
         (
             '{"type": "Feature", "geometry":\n [1, 2]}',
             "2:2: error: no geometry; expected Point, MultiPoint, LineString",
         ),
         ('{"type": "GeometryCollection", "geometries": [\n{}]}', "2:1: error: no geometry"),
-        *(
-            (
-                f'{{"type": "Polygon"{rest}}}',
-                "1:1: error: no list of positions; expected a list of positions, each long",
-            )
-            for rest in ("", ', "coordinates": null', ', "coordinates": [[0, 0], [1, 0]]')
+        (
+            '{"type": "Polygon", "coordinates": null}',
+            "1:1: error: no list of positions; expected a list of positions, ",
         ),
         ('{"type": "Polygon", "coordinates": []}', "1:1: error: a polygon without rings; expected a ring of "),
         ('{"type": "Polygon", "coordinates": [\n"a"]}', "2:1: error: no list of positions"),
-        ('{"type": "MultiPolygon", "coordinates": []}', "1:1: error: no polygon"),
-        ('{"type": "MultiPolygon", "coordinates": [\n{}]}', "2:1: error: no list of positions"),
         ('{"type": "MultiPolygon", "coordinates": [[],\n[]]}', "1:1: error: a polygon without rings"),
         ('{"type": "Polygon", "type": "Polygon"}', "1:21: error: the key type stands twice; expected each key once"),
     ],
 )
 def test_faults_of_geojson(body, fault):
-    found = fault_of(body)
-    assert found.replace("\\\\", "\\").startswith(fault.replace("\\\\", "\\"))
+    assert fault_of(body).startswith(fault)
 
 
 @pytest.mark.parametrize(
@@ -698,13 +610,7 @@ def test_faults_of_geojson(body, fault):
         ("x,y\n0,0\n1\n", ["3:2: error: 1 field; expected 2, as in the first row"]),
         ("x,y\n0,0\n1,2,3\n1,2,,\n", ["3:5: error: 3 fields; expected 2, as in the first row"]),
         ("x y\n0 0\n 1  b\n", ["3:5: error: b is not a number; expected a number"]),
-        (
-            "x;y\n0;0\n1,5m; \n",
-            [
-                "3:1: error: 1,5m is not a number; expected a number",
-                "3:6: error: an empty field is not a number; expected a number",
-            ],
-        ),
+        ("x;y\n0;0\n1;\n", ["3:3: error: an empty field is not a number; expected a number"]),
         (
             "x\ty\nnan\t1e999\n",
             [
@@ -712,7 +618,6 @@ def test_faults_of_geojson(body, fault):
                 "2:5: error: 1e999 is too large; expected a finite number",
             ],
         ),
-        ("x,y\n0,\x00\n", ["2:3: error: \\x00 is not a number; expected a number"]),
     ],
 )
 def test_faults_of_rows(body, faults):
@@ -720,6 +625,7 @@ def test_faults_of_rows(body, faults):
 
 
 RING = "<LinearRing><coordinates>10,55 10.001,55 10.001,55.001</coordinates></LinearRing>"
+OUTLINE = "<Polygon><outerBoundaryIs>{}</outerBoundaryIs></Polygon>"
 
 
 @pytest.mark.parametrize(
@@ -728,22 +634,12 @@ RING = "<LinearRing><coordinates>10,55 10.001,55 10.001,55.001</coordinates></Li
         ("<kml>\n</kml>", "1:1: error: no polygon; expected a polygon, or a closed line: "),
         ("<kml>\n<a></b>", "2:6: error: is not XML: mismatched tag; expected a KML file"),
         (
-            f"<Polygon><outerBoundaryIs>{RING.replace('10,55 ', '<Polygon/>1')}</outerBoundaryIs></Polygon>",
-            "1:1: error: an element within coordinates; expected vertices alone",
+            OUTLINE.format(RING.replace("10,55 ", "<Polygon/>1")),
+            "1:1: error: an element within coordinates; expected vert",
         ),
         ("<Polygon/>", "1:1: error: a Polygon without an outline; expected one outerBoundaryIs with a LinearRing of "),
-        (
-            f"<Polygon><innerBoundaryIs>{RING}</innerBoundaryIs></Polygon>",
-            "1:1: error: a Polygon without an outline",
-        ),
-        (
-            f"<Polygon><outerBoundaryIs>{RING}\n{RING}</outerBoundaryIs></Polygon>",
-            "1:1: error: a second outline; expected one outerBoundaryIs",
-        ),
-        (
-            f"<Placemark><Polygon/><Polygon><outerBoundaryIs>{RING}</outerBoundaryIs></Polygon></Placemark>",
-            "1:1: error: a Polygon without an outline",
-        ),
+        (OUTLINE.format(RING).replace("outer", "inner"), "1:1: error: a Polygon without an outline"),
+        (OUTLINE.format(f"{RING}\n{RING}"), "1:1: error: a second outline; expected one outerBoundaryIs"),
         (kml(placemark([])), "3:1: error: an area of less than 1 m²"),
     ],
 )
@@ -754,22 +650,12 @@ def test_faults_of_kml(body, fault):
 # --- hostile texts ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "doctype",
-    [
-        '<!DOCTYPE a [<!ENTITY l "lol"><!ENTITY m "&l;&l;&l;&l;&l;&l;&l;&l;">]>',
-        '<!DOCTYPE a [<!ENTITY x SYSTEM "file:///a.txt">]>',
-        '<!DOCTYPE a SYSTEM "http://localhost/a.dtd">',
-    ],
-)
-def test_a_document_type_is_refused_before_it_is_read(doctype):
-    found = fault_of(f'<?xml version="1.0"?>\n{doctype}\n<a>&m;&x;</a>')
-    line, column, rest = found.split(":", 2)
-    assert (line, rest) == (
-        "2",
-        " error: a document type, which may refer to other files; expected a KML file without <!DOCTYPE>",
-    )
-    assert 1 <= int(column) <= len(doctype)
+def test_a_document_type_is_refused_before_it_is_read():
+    for doctype in ('<!DOCTYPE a [<!ENTITY m "lol">]>', '<!DOCTYPE a SYSTEM "http://localhost/a.dtd">'):
+        found = fault_of(f'<?xml version="1.0"?>\n{doctype}\n<a>&m;</a>')
+        line, column, rest = found.split(":", 2)
+        assert (line, 1 <= int(column) <= len(doctype)) == ("2", True)
+        assert rest.startswith(" error: a document type, which may refer to other files; expected a KML file without")
 
 
 def test_depth_is_limited():
@@ -801,17 +687,7 @@ def test_long_texts_are_refused_as_fast_as_short_ones(body):
         read(body)
 
 
-words = [
-    '"type"',
-    '"Polygon"',
-    '"coordinates"',
-    "[[[0, 0], [9, 0], [9, 9]]]",
-    "x,y",
-    "lon lat",
-    "0 0\n",
-    "5,5\n",
-    "7;0\n",
-]
+words = ['"type"', '"Polygon"', '"coordinates"', "[[[0, 0], [9, 0], [9, 9]]]", "x,y", "lon lat", "0 0\n", "5,5\n"]
 pieces = st.sampled_from('{}[]<>/,:1-&"\n\x00') | st.sampled_from(
     [*words, "<kml>", "<Polygon>", "<coordinates>", "nan"]
 )
@@ -856,17 +732,6 @@ def test_all_features_are_the_parts_of_one_field():
     assert len(read(text, metres=True, feature="east")[0].parts) == 1
     with pytest.raises(InputError, match="2 features with polygons"):
         read(text, metres=True)
-
-
-def test_faults_of_a_second_part():
-    bow = [[[0.0, 0.0], [100.0, 100.0], [100.0, 0.0], [0.0, 100.0], [0.0, 0.0]]]
-    text = json.dumps({"type": "MultiPolygon", "coordinates": [*squares(200.0), bow]})
-    with pytest.raises(InputError, match="the outline crosses itself at"):
-        read(text, metres=True)
-
-
-def area_of(body):
-    return read_field(Text("f.geojson", body))[0].area_m2
 
 
 def test_a_far_obstacle_that_crosses_itself_costs_itself_alone():

@@ -109,29 +109,6 @@ def test_a_slope_that_is_too_steep_is_begun_before_it(sign):
     assert (flown_m >= floor_m - SECOND_ORDER_M).all()
 
 
-@pytest.mark.parametrize("seed", few(range(3), 1))
-def test_at_most_one_command_more_than_the_fewest(seed):
-    """Of all pairs of commands none does where four are found, of all single ones none where three are."""
-    tried = set()
-    for length in range(60, 400, 20):
-        floor_m = _ground(seed, n=length, scale=10, height_m=6)
-        band = _band(floor_m)
-        count = len(commanded(band, WING, floor_m))
-        if count not in (3, 4) or count in tried:
-            continue
-        tried.add(count)
-        levels = np.arange(np.floor(floor_m.min()), floor_m.max() + 2 * TOLERANCE_M, LEVEL_M)
-        for cut in range(1, length) if count == 4 else [length - 1]:
-            first, second = (each.ravel() for each in np.meshgrid(levels, levels if count == 4 else levels[:1]))
-            flown, kept = first, np.full(len(first), True)
-            for i in range(length):
-                flown = flown if i == 0 else WING.followed_m(flown, first if i <= cut else second, band.seconds[0])
-                kept = (flown >= band.floor_m[i]) & (flown <= band.ceiling_m[i])
-                first, second, flown = first[kept], second[kept], flown[kept]
-            assert not len(first)
-    assert tried
-
-
 def test_where_no_other_altitude_may_be_commanded_none_is():
     floor_m = _ground(3)
     may_end = np.arange(300) % 30 == 29

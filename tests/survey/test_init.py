@@ -15,10 +15,6 @@ from eadp.models.performance import performance
 from eadp.survey.init import PRESETS
 
 
-def test_there_are_three_classes_of_aircraft_beside_the_default_one_and_a_data_sheet():
-    assert PRESETS == ("data-sheet", "foam-wing", "mapper", "small-wing", "survey-wing")
-
-
 @pytest.mark.parametrize("preset", few(PRESETS, 1))
 def test_a_preset_flies_as_it_is(eadp, tmp_path, preset):
     assert eadp("init", tmp_path / "new", "--preset", preset).code == 0

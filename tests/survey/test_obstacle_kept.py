@@ -117,14 +117,6 @@ def test_metres_without_an_obstacle_near_are_another_grid():
         read_field(geojson(rings), metres=True)
 
 
-def test_an_obstacle_with_its_coordinates_swapped_is_not_left_out():
-    origin = PLACES["Germany"][0]
-    rings = {"field": degrees(FIELD, origin), "avoid pole": [place[::-1] for place in degrees(POLE, origin)]}
-    for text in (geojson(rings), kml(rings)):
-        with pytest.raises(InputError, match="lies near the field or plan if longitude and latitude are swapped"):
-            read_field(text)
-
-
 # --- without an area --------------------------------------------------------------------------------------------------
 
 LINE = [(-100.0, 0.0), (0.0, 40.0), (100.0, 0.0)]
@@ -178,13 +170,7 @@ def test_points_and_lines_are_obstacles_with_a_distance(kind):
 
 
 @pytest.mark.parametrize(
-    "hole",
-    [
-        [(10, 20)],
-        [(10, 20), (10, 20), (10, 20)],
-        [(10, 20), (40, 20)],
-        [(10, 20), (40, 50), (30, 40), (20, 30)],
-    ],
+    "hole", [[(10, 20)], [(10, 20), (10, 20), (10, 20)], [(10, 20), (40, 20)], [(10, 20), (40, 50), (30, 40), (20, 30)]]
 )
 def test_a_hole_without_an_area_is_an_obstacle(hole):
     from shapely import Point, Polygon

@@ -53,34 +53,26 @@ def flown():
 def px4(rows, *, pictures):
     """Such a flight as a ULog."""
     times = [round(1e6 * row[0]) for row in rows]
-    tables = {
-        "vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 2, 0)]),
-        "vehicle_global_position": ("Qdd", ("timestamp", "lat", "lon"),
-                                    [(t, *row[1:3]) for t, row in zip(times, rows, strict=True)]),
-    }  # fmt: skip
+    places = [(t, *row[1:3]) for t, row in zip(times, rows, strict=True)]
+    tables = {"vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 2, 0)])}
+    tables["vehicle_global_position"] = ("Qdd", ("timestamp", "lat", "lon"), places)
     if pictures:
         taken = [(t + 1, 0) for t, row in zip(times, rows, strict=True) if row[4]]
         return ulog(tables | {"camera_capture": ("QB", ("timestamp", "result"), taken)})
-    switched = [
-        (times[0] - 1, 206.0, 20.0),
-        (next(t for t, row in zip(times, rows, strict=True) if not row[3]) - 1, 206.0, 0.0),
-    ]
+    off = next(t for t, row in zip(times, rows, strict=True) if not row[3])
+    switched = [(times[0] - 1, 206.0, 20.0), (off - 1, 206.0, 0.0)]
     return ulog(tables | {"vehicle_command": ("Qff", ("timestamp", "command", "param1"), switched)})
 
 
 def ardupilot(rows, *, pictures):
     """As a DataFlash log."""
     times = [round(1e6 * row[0]) for row in rows]
-    tables = {
-        "STAT": ("QB", ("TimeUS", "isFlying"), [(times[0] - 2, 1)]),
-        "POS": ("QLL", ("TimeUS", "Lat", "Lng"),
-                [(t, *(round(1e7 * each) for each in row[1:3])) for t, row in zip(times, rows, strict=True)]),
-    }  # fmt: skip
+    places = [(t, *(round(1e7 * each) for each in row[1:3])) for t, row in zip(times, rows, strict=True)]
+    tables = {"STAT": ("QB", ("TimeUS", "isFlying"), [(times[0] - 2, 1)])}
+    tables["POS"] = ("QLL", ("TimeUS", "Lat", "Lng"), places)
     if pictures:
-        return dataflash(
-            tables
-            | {"CAM": ("QB", ("TimeUS", "Img"), [(t + 1, 0) for t, row in zip(times, rows, strict=True) if row[4]])}
-        )
+        taken = [(t + 1, 0) for t, row in zip(times, rows, strict=True) if row[4]]
+        return dataflash(tables | {"CAM": ("QB", ("TimeUS", "Img"), taken)})
     off = next(t for t, row in zip(times, rows, strict=True) if not row[3])
     switched = [(times[0] - 1, 1, 206, 20.0), (off - 1, 3, 206, 0.0)]
     return dataflash(tables | {"MISE": ("QHHf", ("TimeUS", "CNum", "CId", "Prm1"), switched)})
@@ -102,20 +94,11 @@ def station(rows, *, pictures):
 
 
 @pytest.mark.quick(2)
-@pytest.mark.parametrize(
-    ("made", "pictures", "lines"),
-    [
-        (px4, True, 1),
-        (px4, False, 1),
-        (ardupilot, True, 1),
-        (ardupilot, False, 1),
-        (station, True, 1),
-        (station, False, 2),
-    ],
-)
-def test_a_log_covers_what_was_photographed(planner, tmp_path, made, pictures, lines):
+@pytest.mark.parametrize("pictures", [True, False])
+@pytest.mark.parametrize("made", [px4, ardupilot, station])
+def test_a_log_covers_what_was_photographed(planner, tmp_path, made, pictures):
     """A line flown with the camera off is left; where a log knows no camera, each line that was flown is covered."""
-    log = tmp_path / "flight"
+    log, lines = tmp_path / "flight", 2 if made is station and not pictures else 1
     log.write_bytes(made(flown(), pictures=pictures))
     _, left = resumed(planner, [str(log)], lambda _: None)
     assert left.area_m2 == pytest.approx((LINES - lines) * SWATH_M * LENGTH_M, rel=0.01)
@@ -131,21 +114,14 @@ def test_pictures_that_are_missing_leave_ground(planner, tmp_path):
     assert left.area_m2 == pytest.approx(SWATH_M * (3 * LENGTH_M + missed_m), rel=0.01)
 
 
-def test_a_log_of_the_ground(planner, tmp_path):
-    log = tmp_path / "flight"
+def test_a_log_of_the_ground_and_a_table_are_no_flight(planner, tmp_path):
+    log, table, warned = tmp_path / "flight", tmp_path / "flight.csv", []
     log.write_bytes(px4(flown()[:1], pictures=True))
-    with pytest.raises(InputError, match="has no positions in the air"):
-        resumed(planner, [str(log)], lambda _: None)
-
-
-def test_a_table_is_no_flight(planner, tmp_path):
-    """Said once, and not of each line."""
-    table = tmp_path / "flight.csv"
     table.write_text("time_s,x_m,y_m\n" + "0,0,0\n" * 100)
-    warned = []
-    with pytest.raises(InputError, match="is no flight; expected a folder of eadp simulate"):
-        resumed(planner, [str(table)], warned.extend)
-    assert warned == []
+    for path, fault in ((log, "has no positions in the air"), (table, "is no flight; expected a folder of eadp sim")):
+        with pytest.raises(InputError, match=fault):
+            resumed(planner, [str(path)], warned.extend)
+    assert warned == [], "once, and not of each line"
 
 
 def test_the_rest_is_whole_lines(planner):
@@ -158,18 +134,7 @@ def test_the_rest_is_whole_lines(planner):
     # the ends of the third line, with more than a turn between them, and the fourth
     assert sorted(map(len, spans)) == [0, 0, 1, 2]
     assert left.area_m2 == pytest.approx(SWATH_M * (LENGTH_M + 80), rel=0.01)
-    again = left_of(
-        planner,
-        [
-            tuple(
-                (x + origin[0], y + origin[1])
-                for x, y in (
-                    (0.0, 20.0),
-                    (270.0, 20.0),
-                )
-            )
-        ],
-    )
+    again = left_of(planner, [tuple((x + origin[0], y + origin[1]) for x, y in ((0.0, 20.0), (270.0, 20.0)))])
     assert again.area_m2 == pytest.approx(SWATH_M * (4 * LENGTH_M - 270), rel=0.01)
 
 

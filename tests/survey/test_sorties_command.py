@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
-import math
 import shutil
 from dataclasses import replace
 
@@ -16,9 +15,7 @@ from common.answers import refused
 
 import eadp as library
 from eadp.cli.main import main
-from eadp.io.flight import planned_lines
 from eadp.survey.options import CoverageOptions
-from eadp.survey.resume import _heading_of_lines_rad
 from eadp.survey.sorties import SortieOptions
 
 MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
@@ -88,14 +85,15 @@ def test_each_sortie_starts_and_ends_at_home_and_keeps_the_reserve(folder, docum
         assert forecast["batteries"] == 1
 
 
+def ground_of(folder, rows):
+    """The parts of a field that sorties of a folder cover, by their rows in sorties.json."""
+    fields = (library.read_plan(folder / row["plan"]).site.field for row in rows)
+    return [shapely.union_all([shapely.Polygon(ring[0]) for ring in field.parts]) for field in fields]
+
+
 def test_lines_cover_the_field_once(folder, document):
     assert document["coverage"] >= 0.9999
-    parts = [
-        shapely.union_all(
-            [shapely.Polygon(ring[0]) for ring in library.read_plan(folder / row["plan"]).site.field.parts]
-        )
-        for row in document["sorties"]
-    ]
+    parts = ground_of(folder, document["sorties"])
     whole = shapely.union_all([shapely.Polygon(ring[0]) for ring in document["parts"]])
     assert shapely.union_all(parts).area == pytest.approx(whole.area, rel=1e-3)
     # no ground twice but for the overlap of lines that are cut
@@ -186,41 +184,20 @@ FLOWN_SHARE = 0.4
 """Where the second flight stops: within a line, so that what it leaves of it is more than 1 % of the field."""
 
 
-def test_a_job_goes_on_where_it_stopped(eadp, scenario, flown, document, tmp_path):
-    target = flown
-    first, second = target / "sortie-01", log_of(target / "sortie-02", tmp_path / "log.jsonl", FLOWN_SHARE)
+def test_a_job_goes_on_where_it_stopped(eadp, scenario, folder, flown, document, tmp_path):
+    first, second = flown / "sortie-01", log_of(flown / "sortie-02", tmp_path / "log.jsonl", FLOWN_SHARE)
     out = tmp_path / "rest"
     answer = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "-o", out, "--resume", first, "--resume", second)
     assert answer.code == 0, answer.err
     rest = json.loads((out / "sorties.json").read_text())
     assert rest["count"] <= document["count"]
+    ground = shapely.union_all(ground_of(out, rest["sorties"]))
     whole = shapely.union_all([shapely.Polygon(ring[0]) for ring in document["parts"]])
-    ground = shapely.union_all(
-        [
-            shapely.Polygon(ring[0])
-            for row in rest["sorties"]
-            for ring in library.read_plan(out / row["plan"]).site.field.parts
-        ]
-    )
-    lines = []
-    for source, share in ((first, 1.0), (target / "sortie-02", FLOWN_SHARE)):
-        with (source / "flight.csv").open() as stream:
-            rows = list(csv.DictReader(stream))
-        kept = rows[: int(share * len(rows))]
-        plan = library.read_plan(next((source / "inputs").glob("sortie-*.plan")))
-        kinds = [plan.stages[int(row["stage"]) - 1].kind for row in kept]
-        run = []
-        for row, kind in zip(kept, kinds, strict=True):
-            if kind == "line":
-                run.append((float(row["x_m"]), float(row["y_m"])))
-            elif len(run) > 1:
-                lines.append(run)
-                run = []
-        lines += [run] if len(run) > 1 else []
-    seen = shapely.union_all([shapely.LineString(line).buffer(10, cap_style="flat") for line in lines])
-    missed = whole.difference(seen).difference(ground.buffer(0.5))
-    assert missed.area <= 0.002 * whole.area
-    assert ground.intersection(seen).area <= 0.05 * whole.area
+    done, begun, *others = ground_of(folder, document["sorties"])
+    assert ground.intersection(done).area <= 0.02 * whole.area
+    assert shapely.union_all(others).difference(ground.buffer(0.5)).area <= 0.002 * whole.area
+    # of the second flight's the lines after where it stopped; a part of its time is the way
+    assert begun.intersection(ground).area / begun.area == pytest.approx(1 - FLOWN_SHARE, abs=0.15)
     # as shares of the whole field, what is planned and what is flown of it
     summary = library.simulate_sorties(out, warn=lambda _: None).summary
     assert summary["planned_coverage"] == pytest.approx(ground.area / whole.area, abs=0.02)
@@ -249,16 +226,13 @@ def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
         (("--sorties", "auto", "--home", "55.9,10.333"), 1, "a pack does not last for the way to the field"),
         (("--sorties", "auto", "--resume", "plans/nothing"), 2, "cannot be read"),
         (("--sorties", "auto", "--resume", "plans"), 2, "has no flight"),
-        (("--sorties", "auto", "--set-battery", "1"), 2, "No such option"),
     ],
 )
 def test_bad_input(eadp, scenario, tmp_path, extra, code, words):
-    out = tmp_path / "out"
-    answer = eadp(*COVER, "--scenario", scenario, "-o", out, *extra)
+    answer = eadp(*COVER, "--scenario", scenario, "-o", tmp_path / "out", *extra)
     assert answer.code == code, answer.err
     assert words in answer.err
-    assert "Traceback" not in answer.err
-    assert not out.exists()
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
@@ -279,7 +253,7 @@ def test_sorties_fly_by_the_planner_of_their_scenario(eadp, tmp_path):
     assert one.code == 0, one.err
 
 
-def test_no_home_and_a_home_in_an_obstacle(eadp, scenario, tmp_path):
+def test_no_home_a_home_in_an_obstacle_and_a_pack_that_cannot_lift_off(eadp, scenario, tmp_path):
     bare = ("cover", MEADOW, "--swath", "20", "--scenario", scenario, "--sorties", "auto")
     assert refused(eadp(*bare), "--home:1:1: error: sorties start and end at home")
     lat, lon = map(float, HOME.split(","))
@@ -289,23 +263,9 @@ def test_no_home_and_a_home_in_an_obstacle(eadp, scenario, tmp_path):
     avoid = tmp_path / "avoid.geojson"
     avoid.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     assert refused(eadp(*bare, "--home", HOME, "--avoid", avoid), "lies in an obstacle")
-
-
-def test_a_pack_that_cannot_lift_off(eadp, tmp_path):
     weak = tmp_path / "weak.yaml"
     weak.write_text(json.dumps(SCENARIO | {"battery": {"capacity_ah": 1.0, "resistance_ohm": 5.0}}))
     assert refused(eadp(*COVER, "--scenario", weak, "--sorties", "auto"), "level flight: 80.5 W exceeds the")
-
-
-def test_the_heading_of_the_lines_is_not_that_of_a_way_from_afar(tmp_path):
-    field = tmp_path / "field.csv"
-    field.write_text("x_m,y_m\n0,0\n300,0\n300,200\n0,200\n")
-    options = CoverageOptions(
-        metres=True, min_radius_m=30, swath_m=40, heading_deg=90, pattern="dubins", start=(-3000, 2500)
-    )
-    plan = library.cover(field, options, warn=lambda _: None).plan
-    assert max(math.dist(*line) for line in planned_lines(plan, ())) > 3000
-    assert math.sin(_heading_of_lines_rad(plan, ())) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.slow

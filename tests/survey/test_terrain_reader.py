@@ -8,6 +8,8 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
 from eadp.survey.terrain import read_terrain
 
+pytest.importorskip("rasterio")
+
 ORIGIN = (55.5, 10.5)
 POINTS = np.random.default_rng(1).uniform(-900, 900, (40, 2))
 FLOAT32 = 1e-4
@@ -23,7 +25,6 @@ def _hills(latitudes, longitudes):
 
 
 def test_heights_between_cells_are_scipys(tmp_path):
-    pytest.importorskip("rasterio")
     from scipy.interpolate import RegularGridInterpolator
 
     file = write_degrees(tmp_path / "a.tif", _hills, (55.45, 10.4), (55.55, 10.6))
@@ -34,7 +35,6 @@ def test_heights_between_cells_are_scipys(tmp_path):
 
 
 def test_a_plane_in_utm_is_that_plane(tmp_path):
-    pytest.importorskip("rasterio")
     pyproj = pytest.importorskip("pyproj")
     to_utm = pyproj.Transformer.from_crs(4326, 32632, always_xy=True).transform
     east, north = to_utm(ORIGIN[1], ORIGIN[0])
@@ -51,7 +51,6 @@ def test_a_plane_in_utm_is_that_plane(tmp_path):
 @pytest.mark.parametrize("posts", [1201, 3601])
 @pytest.mark.parametrize(("name", "origin"), [("N55E010", ORIGIN), ("S13W071", (-12.5, -70.5))])
 def test_a_degree_of_srtm(tmp_path, posts, name, origin):
-    pytest.importorskip("rasterio")
     # heights of whole metres that are linear in degrees: a row is `step` lower than the one north of it
     step = 3600 // (posts - 1)
     heights_m = 3600 - step * np.arange(posts)[:, None] + step * np.arange(posts)[None]
@@ -63,7 +62,6 @@ def test_a_degree_of_srtm(tmp_path, posts, name, origin):
 
 
 def test_files_are_joined_and_the_first_that_knows_holds(tmp_path):
-    pytest.importorskip("rasterio")
     west = write_degrees(tmp_path / "w.tif", lambda a, b: 0 * a + 10, (55.45, 10.4), (55.55, 10.5))
     both = write_degrees(tmp_path / "b.tif", lambda a, b: 0 * a + 20, (55.45, 10.4), (55.55, 10.6))
     heights_m = read_terrain([west, both], POINTS, ORIGIN).heights_m(POINTS)
@@ -75,7 +73,6 @@ def test_files_are_joined_and_the_first_that_knows_holds(tmp_path):
 
 @pytest.mark.parametrize("void", [-9999.0, np.nan])
 def test_a_void_in_the_field_is_refused_and_one_beside_it_is_not(tmp_path, void):
-    pytest.importorskip("rasterio")
 
     def holed(near):
         return lambda a, b: np.where(np.hypot(a - 55.5, b - near) < 0.006, void, 50.0)
@@ -90,7 +87,6 @@ def test_a_void_in_the_field_is_refused_and_one_beside_it_is_not(tmp_path, void)
 
 
 def test_what_is_no_terrain_is_refused(tmp_path):
-    pytest.importorskip("rasterio")
     there = from_corner(10.4, 55.6, 0.001)
     flat = np.zeros((200, 200), "float32")
     files = {

@@ -187,12 +187,3 @@ def test_a_rectangles_laps_move_by_the_letters_shift():
                 assert there(x + dx, y + dy)[0] == pytest.approx(here(x, y)[0], rel=1e-9, abs=1e-6)
             trigger, moved = stage.trigger_at([c1], state), stage.trigger_at([c1], later)
             assert (moved[0] - trigger[0], moved[1] - trigger[1]) == pytest.approx((dx, dy), abs=rounding)
-
-
-def test_turns_of_a_block_are_to_one_hand():
-    plan = build_plan(solution_of(quadrilateral(3)))
-    for part in plan.segments:
-        if part.repeats:
-            stages = plan.stages[part.first : part.first + part.count]
-            assert [stage.kind for stage in stages] == ["line", "circle", "line", "circle"]
-            assert stages[1].rotation_deg == stages[3].rotation_deg

@@ -107,9 +107,6 @@ class Autopilot:
 
     inputs: FlightInputs
     link: Link
-    keys: tuple[str, ...] | None = None
-    deaf_to: tuple[str, ...] = ()
-    """Parameters that the aircraft does not change."""
     report: SolverReport = field(default_factory=SolverReport)
     warnings: list[Fault] = field(default_factory=list)
     stages: list[tuple[float, StageAndLap, StageAndLap]] = field(default_factory=list)
@@ -138,9 +135,7 @@ class Autopilot:
                 continue
             answer = self.answers[-1]
             self.stages.append((*about, (answer["stage"], answer["lap"])))
-            kept = dict(zip(self.inputs.world.plan.names, self.inputs.mission.parameters, strict=True))
-            asked = answer["parameters"]
-            parameters = tuple(kept[name] if name in self.deaf_to else value for name, value in asked.items())
+            parameters = tuple(answer["parameters"].values())
             if parameters != self._decision.parameters:
                 self._decision = Decision(parameters)
         return self._decision
@@ -156,8 +151,7 @@ class Autopilot:
             "heading_deg": round(90 - math.degrees(o.sample.heading_rad or 0.0), 1) % 360,
             "parameters": dict(zip(self.inputs.world.plan.names, o.parameters, strict=True)),
         }
-        keys = self.keys or tuple(line)
-        return {key: line[key] for key in keys} | {"_sent": (o.time_s, (o.stage, o.cursor.lap))}
+        return line | {"_sent": (o.time_s, (o.stage, o.cursor.lap))}
 
 
 @dataclass(frozen=True)
@@ -171,16 +165,10 @@ class Flown:
     warnings: list[str]
 
 
-def flown(
-    inputs: FlightInputs,
-    disturbance: Disturbance,
-    start_s: float = 0.0,
-    keys: tuple[str, ...] | None = None,
-    deaf_to: tuple[str, ...] = (),
-) -> Flown:
+def flown(inputs: FlightInputs, disturbance: Disturbance, start_s: float = 0.0) -> Flown:
     """Fly with a disturbance from a start on [s]."""
     flight, outcome = inputs.flight(), Outcome()
-    flight.planner = autopilot = Autopilot(inputs, disturbance.link(start_s), keys, deaf_to)
+    flight.planner = autopilot = Autopilot(inputs, disturbance.link(start_s))
     for _ in fly(inputs.world, flight, outcome):
         pass
     assert outcome.parameters is not None
