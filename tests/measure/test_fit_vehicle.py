@@ -12,7 +12,7 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from common import ROOT, with_header
+from common import ROOT
 
 from eadp import fit_vehicle
 from eadp.io.logs import Tables
@@ -161,18 +161,6 @@ def test_what_is_missing_is_named(eadp, log):
     assert "error: the log lacks airspeed (airspeed_mps; " in answer.err
     assert "climb (climb_mps" in answer.err
     assert "bank (" not in answer.err
-
-
-@pytest.mark.parametrize("name", ["opterra_power.csv", "px4_battery_first900s.csv"])
-def test_published_logs_lack_an_airspeed(eadp, name, tmp_path):
-    path = ROOT.parent / "shared/reference/logs" / name
-    if not path.exists():
-        pytest.skip("the reference data are absent")
-    if "opterra" in name:
-        path = with_header(path, tmp_path)
-    answer = eadp("fit", path, "--vehicle")
-    assert answer.code == 2
-    assert "the log lacks airspeed" in answer.err
 
 
 def test_bad_bases(eadp, log, tmp_path):
