@@ -355,22 +355,3 @@ def test_quiet_leaves_warnings_out(eadp, tmp_path):
     assert quiet.err == ""
     assert json.loads(quiet.out)["planner"] == "joint"
     assert refused(eadp("simulate", PLAN, "--set", "seed=-1", "-q"), "seed")
-
-
-def test_a_turn_that_is_never_got_past_has_its_line(eadp, tmp_path):
-    points = [
-        (47.0, 8.0),
-        (46.99950818, 8.00355616),
-        (46.99843717, 8.00173275),
-        (46.99844094, 8.00175957),
-        (46.99837186, 8.00174379),
-        (46.99838238, 8.00185857),
-        (46.99824665, 8.00179309),
-        (46.99778889, 7.99895673),
-    ]
-    rows = [f"{i}\t0\t{3 if i else 0}\t16\t0\t0\t0\t0\t{x}\t{y}\t60\t1\n" for i, (x, y) in enumerate(points)]
-    mission = tmp_path / "circled.waypoints"
-    mission.write_text("QGC WPL 110\n" + "".join(rows))
-    answer = eadp("simulate", mission, "--set", "time_limit_s=200", "--planner", "static")
-    assert answer.code == 1
-    assert "\nforecast   finishes: 0 % sure, never past item 6\nNOT completed: time limit" in answer.out

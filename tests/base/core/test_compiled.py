@@ -45,17 +45,6 @@ def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
     assert [*tmp_path.rglob("*.nbi")]
 
 
-@fast
-def test_without_a_home_it_is_compiled_all_the_same(switched_on, monkeypatch):
-    def no_home():
-        raise RuntimeError("Could not determine home directory.")
-
-    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(compiled.Path, "home", no_home)
-    assert compiled.jitted(lambda x: x + 1.0)(2.0) == 3.0
-
-
 @pytest.fixture
 def asked_again():
     """The answer whether numba can be used is kept: not beyond one test."""

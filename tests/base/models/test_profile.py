@@ -79,11 +79,6 @@ def test_levels_are_the_measured_values_where_whole_steps_miss_one() -> None:
     assert HALF.levels(0, 1, 4) == (1, 2, 3, 4), "0.5 is not within the bounds"
 
 
-def test_levels_of_one_value_and_of_none() -> None:
-    assert PEDNET.levels(0, 4, 4) == (4,)
-    assert PEDNET.levels(0, 5, 4) == ()
-
-
 def test_too_many_levels() -> None:
     with pytest.raises(Infeasible, match="whole steps"):
         PEDNET.levels(0, 0, LEVELS_LIMIT)

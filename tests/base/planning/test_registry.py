@@ -21,8 +21,7 @@ from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing, PowerCurve
 from eadp.papers.horizon import Horizon
-from eadp.papers.planner import PaperPlanner, PaperSettings, _coverage
-from eadp.papers.power import _nominal_lap_s
+from eadp.papers.planner import PaperPlanner, PaperSettings
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.registry import PLANNERS, Planner, make_flight, planner_class
@@ -304,11 +303,6 @@ def test_inhibited_computations_are_not_solved_for():
     assert pilot.report.calls > 0
 
 
-def test_levels_of_the_settings_are_kept_to():
-    pilot = planner(settings=replace(SETTINGS, levels={"c2": (2.0, 5.0)}))
-    assert run(pilot, 3)[-1][1][1] == 5.0
-
-
 @pytest.mark.parametrize("cost", ["control", "power", "quadratic", "output"])
 @pytest.mark.parametrize("horizon_s", [6.0, "period"])
 def test_every_cost_and_horizon_takes_what_is_free(cost, horizon_s):
@@ -385,20 +379,3 @@ def test_a_fit_is_what_the_estimator_starts_from():
     assert estimator.period_std_s == pytest.approx(0.02 * 46.0), "another flight's period is not as sure as its fit"
     mean = make_flight(SETTINGS, replace(mission(), energy=EnergyModel(None, 31.0)))
     assert mean.power.estimator.state_w.tolist() == [31.0]
-
-
-def test_the_first_period_of_a_single_lap_is_the_lap():
-    """A square of 400 m, flown once: no lap before the last one is whole."""
-    text = "0.1; 90; x - 100\n100, 100\n0.1; 270; -y + 100\n0, 100\n"
-    plan = read_plan(Text("once", text))[0]
-    mission = Mission(plan, join_profile(plan, None), BATTERY, SLOW, (), (100.0, 0.0))
-    assert _nominal_lap_s(mission) == pytest.approx(20.0)
-
-
-def test_without_a_free_path_parameter_there_are_no_times_of_coverage():
-    """The rule has nothing to choose from: the path parameter has one value in every stage."""
-    text = "0.1; 90; x - 100 + c1\n100 - c1, 100\n[5, 5]\n"
-    plan = read_plan(Text("fixed", text))[0]
-    mission = Mission(plan, join_profile(plan, None), BATTERY, SLOW, (5.0,), (95.0, 0.0))
-    assert plan.path_count == 1
-    assert _coverage(PaperSettings(), mission) is None

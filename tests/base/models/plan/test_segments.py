@@ -102,12 +102,6 @@ def test_laps_before_another_part_end_on_a_condition():
         plan_of(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
 
 
-def test_more_quantities_than_the_limit_are_refused():
-    many = "\n".join(f"q{i} = {i}" for i in range(300))
-    with pytest.raises(InputError, match="at most 200"):
-        plan_of(PARTS.replace("top = 500", many + "\ntop = 500"))
-
-
 def test_where_others_tell_what_is_flown():
     itinerary = PlanExecutor(PlanCursor.start(plan_of(PARTS), (0.0, 10.0), Rules()), (10.0, 0.0))
     stages = [itinerary.stage.index]
