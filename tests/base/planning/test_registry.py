@@ -303,6 +303,11 @@ def test_inhibited_computations_are_not_solved_for():
     assert pilot.report.calls > 0
 
 
+def test_levels_of_the_settings_are_kept_to():
+    pilot = planner(settings=replace(SETTINGS, levels={"c2": (2.0, 5.0)}))
+    assert run(pilot, 3)[-1][1][1] == 5.0
+
+
 @pytest.mark.parametrize("cost", ["control", "power", "quadratic", "output"])
 @pytest.mark.parametrize("horizon_s", [6.0, "period"])
 def test_every_cost_and_horizon_takes_what_is_free(cost, horizon_s):

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from common import ROOT, few
+from common.observations import Piloted
 from common.plans import PARTS, WAVES, plan_of, survey
 from common.routes import Tracked
 from scipy.integrate import quad
@@ -21,17 +22,26 @@ from eadp.cli.main import main
 from eadp.core.geometry.curves import CIRCLE, LINE
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
+from eadp.models.battery import Battery
+from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import RoutePredictor, end_on
 from eadp.models.plan.stage import left_m, leg_points
 from eadp.models.plan.trace import default_start, nominal_legs
+from eadp.models.vehicle import FixedWing, Guidance
+from eadp.models.weather import Wind
+from eadp.models.world import TakeOff, Timing, World
+from eadp.planning.base import Mission, PlannerSettings
+from eadp.planning.registry import Planner
+from eadp.simulation.loop import Outcome, fly
 
 MICROMETRE, MILLIMETRE = 1e-6, 1e-3
 STEP_M = 2.0
 QUADRATURE = 2e-3
 """Relative error of times and turning on legs against fine steps."""
+FLOWN_IN_WIND = 0.03
 FLOWN = Rules()
 
 A_CURVE = f"1; 270; y - 10*sin(x/60)\n150, {10 * math.sin(2.5)!r}\n0.1; 90; x - 150\n150, 400\n"
@@ -384,6 +394,37 @@ def test_a_wind_stronger_than_the_airspeed_is_never_flown_through(wind_mps):
     assert (times > 0).all()
     assert np.isfinite(turning).all()
     assert not np.isnan(times).any()
+
+
+def simulated(c1, wind, step_s):
+    """A flight of the survey with held parameters."""
+    plan, parameters = survey(), (c1, 10.0)
+    start, heading = default_start(plan, parameters)
+    computing, battery, plane = Computing(1, None), Battery(capacity_ah=50), FixedWing()
+    begins, clock = TakeOff(start, heading, 25.0), Timing(step_s)
+    world = World(plan, computing, plane, Guidance(), wind, battery, (), begins, parameters, FLOWN, clock)
+    mission = Mission(plan, computing, battery, plane, parameters, start, altitude_m=plane.cruise_altitude_m)
+    outcome = Outcome()
+    for _ in fly(world, Piloted(Planner(PlannerSettings(), mission)), outcome):
+        pass
+    assert outcome.completed
+    return outcome
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("wind", [Wind(), Wind(4.0, towards_deg=90.0), Wind(6.0, towards_deg=200.0)])
+def test_a_simulated_flight_takes_the_times_told(wind):
+    # triggers fire 20 m early at both ends of a leg, so that durations stay but for the first and the last
+    outcome, parameters = simulated(-1000.0, wind, 0.02), (-1000.0, 10.0)
+    course = Tracked(survey(), parameters, default_start(survey(), parameters)[0]).route(parameters)
+    times, _ = course.times_s(FixedWing().airspeed_mps, wind.steady_mps)
+    ends = [0.0, *outcome.stage_times_s, outcome.duration_s]
+    durations = np.diff(ends)
+    laps = len(times) // 4 - 1
+    for stage in range(4):
+        flown, told = durations[4 + stage : 4 * laps : 4].sum(), times[4 + stage : 4 * laps : 4].sum()
+        assert flown == pytest.approx(told, rel=2 * FLOWN_IN_WIND)
+    assert outcome.duration_s == pytest.approx(times.sum(), rel=FLOWN_IN_WIND)
 
 
 # --- what is left of a leg --------------------------------------------------------------------------------------------
