@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 import eadp
 from eadp.io.figures import plan as flight_figure
-from eadp.io.figures.canvas import fit_legend
 from eadp.io.figures.plan import _draw_parameters, _draw_path
 from eadp.papers import figures as paper
 from eadp.papers.figures import write_paper_figure
@@ -112,11 +111,6 @@ def test_altitudes_that_stages_command_are_drawn(tmp_path, monkeypatch, headers,
     assert list(axes)[3:] == panels
     if "Altitude" in axes:
         assert np.array_equal(axes["Altitude"].lines[0].get_ydata(), flight.columns["altitude_m"])
-
-
-def legend(axes):
-    fit_legend(axes, 4)
-    return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_the_path_is_drawn_with_the_wind(flight):
