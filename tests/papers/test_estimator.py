@@ -20,7 +20,6 @@ ROUNDING = 1e-9
 RECOVERED_W = 1e-3
 NOISES = EstimatorSettings()
 QUIET = replace(NOISES, disturbance_std_w=0.0)
-SIZE = 9  # level, three harmonics, disturbance
 
 
 def signal_w(time_s, state_w=STATE_W, period_s=PERIOD_S):

@@ -67,6 +67,13 @@ def test_a_lap_that_is_cut_short_still_shows_its_structure():
     assert found.laps() is found
 
 
+def test_the_smallest_n_is_found():
+    lines = "".join(f"0.1; 90; x - {10 * k}\n{10 * k}, {100 + k}\n" for k in range(6))
+    found, _ = plan(lines)
+    assert found.primitive_stages == 1
+    assert [part.at() for part in found.shift] == [10, 1]
+
+
 @pytest.mark.parametrize(
     "change",
     [
