@@ -145,7 +145,7 @@ def test_columns_units_order_and_prior_by_option(run: Run, tmp_path: Path) -> No
         ([EXAMPLE, "--to", "110", "--order", "900"], f"{EXAMPLE}:1:1: error: order 900 is too high"),
         ([EXAMPLE, "--period-prior", "900"], f"{EXAMPLE}:1:1: error: no period near 900 s can be found"),
         (
-            [EXAMPLE, "--to", "60", "-o", "/no/such/folder/m.yaml"],
+            [EXAMPLE, "--to", "20", "-o", "/no/such/folder/m.yaml"],
             "/no/such/folder/m.yaml:1:1: error: cannot be written",
         ),
         ([EXAMPLE, "-o", "-", "--format", "json"], "--output:1:1: error: standard output is taken by --format json"),

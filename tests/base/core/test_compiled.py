@@ -1,7 +1,5 @@
 """Compiled code beside the plain function, and the door to it."""
 
-import math
-
 import pytest
 
 from eadp.core import compiled
@@ -23,10 +21,6 @@ def helper(x):
 
 def outermost(x):
     return helper(x) + 1
-
-
-def further(x):
-    return sum([outermost(each) for each in (x, math.sqrt(x))])
 
 
 def test_off_a_function_is_itself():
@@ -70,7 +64,3 @@ def test_nothing_is_compiled_where_numba_cannot_be_imported(monkeypatch, asked_a
 
     monkeypatch.setattr(compiled.importlib, "import_module", fails)
     assert not compiled.enable()
-
-
-def test_helpers_are_found_through_others():
-    assert compiled.helpers_of(further) == {outermost, helper}

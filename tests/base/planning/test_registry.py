@@ -12,7 +12,7 @@ from common.observations import Piloted
 from common.observations import observation as observed
 from scipy.integrate import solve_ivp
 
-from eadp.errors import EadpError, Infeasible, SolverFailed
+from eadp.errors import Infeasible, SolverFailed
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
@@ -21,10 +21,9 @@ from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing, PowerCurve
 from eadp.papers.horizon import Horizon
-from eadp.papers.planner import PaperPlanner, PaperSettings
+from eadp.papers.planner import PaperSettings
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
-from eadp.planning.joint.planner import JointPlanner
-from eadp.planning.registry import PLANNERS, Planner, make_flight, planner_class
+from eadp.planning.registry import PLANNERS, make_flight, planner_class
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))
@@ -58,14 +57,6 @@ def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0
             last = decision.parameters
             changes.append((round(time_s, 6), last))
     return changes
-
-
-def test_names():
-    assert type(planner(settings=replace(SETTINGS, name="static")).planner) is Planner
-    assert isinstance(planner().planner, PaperPlanner)
-    assert isinstance(planner(settings=replace(SETTINGS, name="joint")).planner, JointPlanner)
-    with pytest.raises(EadpError, match="unknown planner greedy"):
-        planner(settings=replace(SETTINGS, name="greedy"))
 
 
 def test_a_planner_is_named_in_the_registry_alone():

@@ -73,11 +73,6 @@ def test_units_of_header(header: str) -> None:
     assert points_of(profile) == {(2,): 5.21438, (4,): 6.94212}
 
 
-def test_a_transmitters_power_is_a_parameter() -> None:
-    profile = parse("tx_power [dBm],power_w\n-10,1\n20,1.5\n")
-    assert (profile.names, profile.units) == (("tx_power",), ("dBm",))
-
-
 def test_columns_that_are_no_parameters_are_ignored_with_a_warning() -> None:
     body = "time_s,fps,cpu_power_w,power_w\n0,2,1,5\n1,2,nan,5.1\n2,4,,7\n"
     assert points_of(parse(body)) == {(2,): pytest.approx(5.05), (4,): 7}
@@ -87,7 +82,7 @@ def test_columns_that_are_no_parameters_are_ignored_with_a_warning() -> None:
     ]
 
 
-@pytest.mark.parametrize("column", ["std_w", "samples", "standard_error_w", "extrapolated"])
+@pytest.mark.parametrize("column", ["std_w", "extrapolated"])
 def test_what_eadp_writes_beside_the_power_is_no_computation(column: str) -> None:
     body = f"fps,power_w,{column}\n2,5,0.1\n4,7,0.2\n"
     assert parse(body).names == ("fps",)
