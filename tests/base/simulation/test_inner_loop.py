@@ -42,11 +42,28 @@ def no_longer_compiled():
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 
 
-def flown(overrides, plan=SURVEY, scenario=SCENARIO, on=False, world=lambda it: it):
+class EveryStep:
+    """A planner that is asked at every step, as a stream of telemetry would."""
+
+    def __init__(self, planner):
+        self._planner = planner
+        self.report = planner.report
+        self.asked = 0
+
+    next_update_s = 0.0
+
+    def update(self, state):
+        self.asked += 1
+        return self._planner.update(state)
+
+
+def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda planner: planner, on=False, world=lambda it: it):
     inputs = load_flight(plan, scenario=scenario, overrides=overrides)
     compiled.enable(on)
     outcome = Outcome()
-    steps = list(fly(world(inputs.world), inputs.flight(), outcome))
+    flight = inputs.flight()
+    flight.planner = wrapped(flight.planner)
+    steps = list(fly(world(inputs.world), flight, outcome))
     return outcome, steps
 
 
@@ -120,6 +137,23 @@ def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compil
     one, other = (flown(overrides, str(path), on=on) for on in (True, False))
     assert one[0].completed
     same(one, other)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [100, 102])
+def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_step(seed):
+    overrides = drawn(seed)
+    if overrides["planner.name"] == "paper":  # it would see other jumps in the noise when it looks at every step
+        overrides["sensors.soc_noise"] = 0.0
+    asked = []
+
+    def wrapped(planner):
+        asked.append(EveryStep(planner))
+        return asked[0]
+
+    often = flown(overrides, wrapped=wrapped)
+    assert asked[0].asked >= len(often[1])
+    same(flown(overrides), often)
 
 
 @pytest.mark.quick(1)
