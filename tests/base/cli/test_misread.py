@@ -113,14 +113,14 @@ def test_latitude_and_longitude_swapped(eadp, tmp_path):
     zone.write_text("lat,lon\n10.43,55.37\n10.44,55.37\n10.44,55.38\n")
     for option in ("--avoid", "--inside"):
         answer = eadp("cover", *MEADOW, option, zone)
-        assert refused(answer, "zone.csv:2:1: error: lies near the field or plan if longitude and latitude are swapped")
+        assert refused(answer, "zone.csv:1:1: error: lies near the field or plan if longitude and latitude are swapped")
 
 
 def test_metres_of_a_grid(eadp, tmp_path):
     """A plan in coordinates of a UTM zone: at home in its own metres, and nowhere near a place on the earth."""
     plan, placed, pole = tmp_path / "utm.plan", tmp_path / "placed.plan", tmp_path / "pole.csv"
     grid = [(492_000 + x, 5_393_700 + y) for x, y in ((0, 0), (300, 0), (300, 200), (0, 200))]
-    (tmp_path / "field.csv").write_text("".join(f"{x},{y}\n" for x, y in grid))
+    (tmp_path / "field.csv").write_text("x_m,y_m\n" + "".join(f"{x},{y}\n" for x, y in grid))
     pole.write_text("x_m,y_m\n492140,5393790\n492160,5393790\n492150,5393810\n")
     assert eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "--metres", "-o", plan).code == 0
     # lines pass through a pole that was not known

@@ -56,13 +56,6 @@ def test_arrays_are_sorted_read_only_copies() -> None:
         made.power_w[0] = 1
 
 
-def test_shapes_that_do_not_fit() -> None:
-    with pytest.raises(ValueError, match="do not fit"):
-        Profile(("fps", "keysize"), ("", ""), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]))
-    with pytest.raises(ValueError, match="do not fit"):
-        Profile(("fps",), ("",), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]), np.array([0.1]))
-
-
 # levels
 
 
