@@ -433,17 +433,3 @@ def test_too_few_samples() -> None:
         analyse(few, few)
     found = analyse(np.arange(float(MIN_SAMPLES)), np.cos(np.arange(MIN_SAMPLES)))
     assert found.period_s == pytest.approx(2 * math.pi, rel=1e-6)
-
-
-LONG = np.arange(0.0, 20_000.0, 2.0)
-"""Of periods that fit more than 1,500 times into it."""
-
-
-@pytest.mark.slow
-def test_a_short_period_of_a_long_log_that_drifts_is_said_to():
-    rng = np.random.default_rng(1)
-    turns = 2 * np.pi * np.cumsum(2.0 / (13.0 * (1 + 0.05 * (LONG / LONG[-1] - 0.5))))
-    found = analyse(LONG, 36 + 2 * np.cos(turns) + 0.5 * rng.normal(size=len(LONG)))
-    assert found.periodic
-    assert found.drift_s == pytest.approx((13.0 * 0.977, 13.0 * 1.023), rel=5e-3)
-    assert found.drift_s[0] < found.period_s < found.drift_s[1]

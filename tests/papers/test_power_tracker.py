@@ -13,7 +13,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing
-from eadp.papers.estimator import EstimatorSettings, ExactEstimator
+from eadp.papers.estimator import EstimatorSettings
 from eadp.papers.power import PowerTracker, _estimator
 from eadp.planning.base import Mission, Readings
 from eadp.planning.state.flight_state import FlightState
@@ -126,15 +126,6 @@ def test_a_batch_is_its_readings_one_by_one(settings):
         expected_w = apart.observe(time_s, reading)
     assert together.estimates([4.0])[0] == pytest.approx([expected_w], abs=ROUNDING)
     assert together.estimator.state_w == pytest.approx(apart.state_w, abs=ROUNDING)
-
-
-def test_where_it_is_not_asked_nothing_is_processed(monkeypatch):
-    monkeypatch.setattr(ExactEstimator, "observe", lambda *_: pytest.fail("processed"))
-    waiting = Waiting()
-    waiting.ingest(readings([1.0, 1.1], [30.0, 31.0]))
-    waiting.observe(seen(1.2, 30.0, started=2))
-    assert waiting.state.known(1.2, (0.0, 0.0)).soc <= 1.0, "the filters are asked, and not the estimator"
-    assert waiting.period_s is not None
 
 
 @pytest.mark.parametrize("false_w", [1e5, np.inf, np.nan])

@@ -8,7 +8,7 @@ import pytest
 
 from eadp.models.battery import Battery
 from eadp.models.performance import performance
-from eadp.models.vehicle import FixedWing, PaperVehicle
+from eadp.models.vehicle import FixedWing
 
 # a glider with ½ρS = 0.5, W = 9.80665 N: its best speeds lie far above the stall
 WING = FixedWing(
