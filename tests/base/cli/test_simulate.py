@@ -220,7 +220,7 @@ def test_a_profile_of_something_else_is_refused(eadp, tmp_path):
     ("setting", "limit"),
     [
         ("resistance_ohm=5", "exceeds the 11.0 W"),
-        ("max_c_rate=0.5", "the 23.6 W that the battery's current limit (1.6 A)"),
+        ("max_c_rate=0.5", "the 23.6 W that the battery's current limit"),
         ("cutoff_voltage_v=14.7", "the 29.4 W"),
     ],
 )
