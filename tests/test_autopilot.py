@@ -1,7 +1,6 @@
 """`eadp replan` on recorded flights of ArduPlane: what benchmarks/autopilot.py measures; skipped without them."""
 
 import importlib.util
-import itertools
 import sys
 
 import pytest
@@ -41,23 +40,3 @@ def test_a_flight_begins_with_its_mission_and_the_draw_of_its_take_off(autopilot
 def test_nothing_is_decided_while_a_pilot_flies_and_one_late_leg_says_little(autopilot, folder):
     rows = list(autopilot.pilots(folder, 2))
     assert all(row.met for row in rows), rows
-
-
-@pytest.mark.slow
-def test_a_draw_that_rises_for_good_is_followed(autopilot, folder):
-    rows = list(itertools.islice(autopilot.rises(folder), 3))
-    assert all(row.met for row in rows), rows
-
-
-@pytest.mark.slow
-def test_a_lost_cell_is_found_and_no_other(autopilot, folder):
-    pytest.importorskip("pymavlink")
-    rows = list(itertools.islice(autopilot.cells(folder), 3))
-    assert all(row.met for row in rows), rows
-
-
-@pytest.mark.slow
-def test_a_lasting_step_of_the_power_is_learned(autopilot, folder):
-    step = autopilot.step_of(folder, -0.2, [300.0])
-    assert step.within == 1
-    assert max(step.errors) <= 0.05

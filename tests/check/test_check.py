@@ -136,11 +136,6 @@ def test_what_is_found_by_value_against_a_proof_is_not_proven():
     assert [(item.formula, item.proven) for item in found] == [("", False)] * 2
 
 
-def test_a_gain_of_0_leads_nowhere():
-    report = checked("0; 90; x\n0, 200\n[0.5, 2]\n")
-    assert codes(report) == ["no-gain"]
-
-
 @given(
     st.floats(-500, 500),
     st.floats(-500, 500),
@@ -172,13 +167,6 @@ def test_generated_tangent_plans_have_no_finding(x, y, radius, angle, sweep, rot
     assert [item for item in report.findings if item.code != "short-stage"] == []
 
 
-def test_directions_are_compass_bearings():
-    found = checked("0.1; 90; x\n0, 100\n0.1; 90; y - 100\n-200, 100\n").findings
-    message = next(finding.message for finding in found if finding.code == "direction")
-    assert "heading 0.0°" in message, "north along x = 0"
-    assert "heading 270.0°" in message, "then west along y = 100"
-
-
 def many(count, trigger, sets="[0, 8]\n"):
     """Two lines that `count` parameters move; the second's trigger is off it by what is given."""
     total = "+".join(f"c{i}" for i in range(1, count + 1))
@@ -192,12 +180,6 @@ def test_of_many_parameters_corners_are_sampled(count):
     report = checked(many(count, "c1 - c2"))
     message = next(item.message for item in report.findings if item.code == "trigger-off-path")
     assert "8.00 m" in message
-
-
-def test_a_parameter_of_a_high_index_alone_is_checked_at_every_corner():
-    text = "0.1; 90; x - c111\nc111, 200\n" + "[0, 80]\n" * 111
-    assert codes(checked(text)) == []
-    assert codes(checked(text.replace("\nc111,", "\n0.9*c111,"))) == ["trigger-off-path"]
 
 
 def test_findings_name_parameters_that_only_a_loop_variable_depends_on():

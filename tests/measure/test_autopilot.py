@@ -243,15 +243,8 @@ def test_dataflash_fields_that_are_no_numbers_and_that_are_scaled(tmp_path: Path
 
 
 @pytest.mark.usefixtures("process")
-def test_dataflash_messages_shorter_than_declared(tmp_path: Path) -> None:
-    head = b"".join(row(0x80, n, 5, name.encode(), f.encode(), c.encode()) for n, (name, f, c) in FORMATS.items())
-    with pytest.raises(InputError, match=r"cannot be read by pymavlink: .*; expected an ArduPilot DataFlash log"):
-        read_power_log(stored(tmp_path, "flight.bin", head + 2000 * b"\xa3\x95\x81ab"))
-
-
-@pytest.mark.usefixtures("process")
-@pytest.mark.parametrize("length", [0, 2])
-def test_dataflash_messages_without_a_length(tmp_path: Path, length: int) -> None:
+@pytest.mark.parametrize("length", [0, 5])
+def test_dataflash_messages_of_another_length_than_declared(tmp_path: Path, length: int) -> None:
     head = b"".join(row(0x80, n, length, name.encode(), f.encode(), b"A") for n, (name, f, _) in FORMATS.items())
     with pytest.raises(InputError, match=r"cannot be read by pymavlink|no messages of a battery"):
         read_power_log(stored(tmp_path, "flight.bin", head + 100 * b"\xa3\x95\x81ab"))
@@ -269,9 +262,8 @@ def text_log(kind: str = "BAT", labels: str = "TimeUS,Instance,Volt,Curr,CurrTot
     return "\n".join([*head, *body, f"{kind}, 1, 2", ""])
 
 
-@pytest.mark.parametrize("end", ["\r\n"])
-def test_dataflash_text(tmp_path: Path, end: str) -> None:
-    log = read_power_log(stored(tmp_path, "flight.log", text_log().replace("\n", end)))
+def test_dataflash_text(tmp_path: Path) -> None:
+    log = read_power_log(stored(tmp_path, "flight.log", text_log().replace("\n", "\r\n")))
     assert_read(log)
     assert log.warnings == []  # the line that is too short is skipped
 
@@ -287,12 +279,6 @@ def test_dataflash_of_whole_numbers_is_in_hundredths(tmp_path: Path) -> None:
     ]
     log = read_power_log(stored(tmp_path, "flight.log", "\n".join(old).replace("QBfff", "Ihhf") + "\n"))
     np.testing.assert_allclose(log.power_w, [2 * (15 + i / 8) for i in range(N)], rtol=1e-3)
-
-
-def test_a_telemetry_log_is_no_log_of_power(tmp_path: Path) -> None:
-    frame = (1_700_000_000_000_000).to_bytes(8, "big") + bytes((0xFE, 9, 0, 1, 1, 0, *range(11)))
-    with pytest.raises(InputError, match="is not UTF-8 text"):
-        read_power_log(stored(tmp_path, "flight.tlog", 50 * frame))
 
 
 def test_dataflash_text_is_told_from_a_table() -> None:

@@ -72,12 +72,6 @@ def test_little_charge_used_tells_no_slope():
     assert fit.resistance_ohm == pytest.approx(0.08, abs=0.02)
 
 
-def test_a_voltage_that_does_not_fall_has_no_slope():
-    fit = fit_battery(*log(empty_v=16.8), CAPACITY_AH)
-    assert fit.voltage_empty_v is None
-    assert fit.voltage_full_v == pytest.approx(16.8, abs=0.05)
-
-
 def test_what_capacity_is_wrong_by_goes_into_the_slope():
     right, wrong = (fit_battery(*log(noise_v=0.0), capacity) for capacity in (CAPACITY_AH, 2 * CAPACITY_AH))
     assert wrong.resistance_ohm == pytest.approx(right.resistance_ohm, abs=1e-7)

@@ -10,7 +10,7 @@ from scipy.linalg import solve
 from scipy.stats import multivariate_normal
 
 from eadp.core.signals import design_matrix
-from eadp.measure.noise import _COLOURED_PARTS, TimeBins, _errors, binned, tail
+from eadp.measure.noise import _COLOURED_PARTS, TimeBins, binned, tail
 
 N = 60
 
@@ -51,18 +51,6 @@ def test_noise_is_the_likeliest_of_all_mixtures() -> None:
     assert found.log_likelihood + constant == pytest.approx(best, abs=1e-3)
     np.testing.assert_allclose(np.diag(found.correlation), 1, atol=1e-6)
     assert np.linalg.eigvalsh(found.correlation).min() > 0
-
-
-def test_errors_of_every_order_are_those_of_its_own_least_squares() -> None:
-    table = bins()
-    designs = np.stack([design_matrix(table.times_s, f, 3) for f in (0.02, 0.0333)])
-    error, volume = _errors(designs.transpose(1, 0, 2), table.power_w[:, np.newaxis])
-    for i in range(2):
-        for order in range(4):
-            columns = designs[i][:, : 2 * order + 1]
-            _, (expected,), *_ = np.linalg.lstsq(columns, table.power_w, rcond=None)
-            assert error[i, order, 0] == pytest.approx(expected, rel=1e-6)
-            assert volume[i, order] == pytest.approx(np.linalg.slogdet(columns.T @ columns)[1], abs=1e-5)
 
 
 def test_covariance_of_coefficients_is_that_of_every_noise_by_its_restricted_likelihood() -> None:

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from eadp.measure.figures import _broken, _draw_log, write_fit_figure
+from eadp.measure.figures import _broken, write_fit_figure
 from eadp.measure.power import fit_energy
 from eadp.measure.spectrum import analyse, periodogram
 
@@ -19,8 +18,8 @@ POWER = 36 + 2 * np.cos(2 * np.pi * TIMES / 46) + 0.3 * np.random.default_rng(0)
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("kind", ["noise", "constant"])
 def test_a_log_without_a_period_has_a_picture(tmp_path: Path, kind: str) -> None:
-    power = np.full(400, 36.0) if kind == "constant" else np.random.default_rng(1).normal(size=400)
-    write_fit_figure(str(tmp_path / "a.svg"), fit_energy(TIMES, power))
+    power = np.full(200, 36.0) if kind == "constant" else np.random.default_rng(1).normal(size=200)
+    write_fit_figure(str(tmp_path / "a.svg"), fit_energy(TIMES[:200], power))
     assert (tmp_path / "a.svg").stat().st_size > 10_000
 
 
@@ -42,15 +41,3 @@ def test_lines_break_at_gaps():
     assert broken_s.tolist() == [0, 1, 2, 3, 26.5, 50, 51, 52]
     assert np.isnan(values).tolist() == [False] * 4 + [True] + [False] * 3
     assert _broken(times[:4], np.arange(4.0))[0].tolist() == [0, 1, 2, 3]
-
-
-def test_neither_log_nor_fit_is_drawn_in_a_gap():
-    kept = (TIMES[-1] * 0.4 > TIMES) | (TIMES[-1] * 0.6 < TIMES)
-    axes = Figure().add_subplot()
-    _draw_log(axes, fit_energy(TIMES[kept], POWER[kept]), 1)
-    for line in axes.lines:
-        x, y = line.get_data()
-        inside = (x > TIMES[-1] * 0.41) & (x < TIMES[-1] * 0.59)
-        assert inside.any()
-        assert np.isnan(y[inside]).all()
-        assert np.isfinite(y[x < TIMES[-1] * 0.39]).all()

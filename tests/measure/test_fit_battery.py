@@ -34,7 +34,7 @@ def test_the_block_flies(eadp, flight, tmp_path):
     scenario.write_text("schema: eadp.scenario/1\n" + block.read_text())
     flown = eadp(
         "simulate", "plans/survey.plan", "--scenario", scenario, "--planner", "static", "--profile",
-        "profiles/pednet-jetson-nano.yaml", "--format", "json",
+        "profiles/pednet-jetson-nano.yaml", "--set", "step_s=0.1", "--format", "json",
     )  # fmt: skip
     assert flown.code == 0
     assert json.loads(flown.out)["soc_final"] < 1

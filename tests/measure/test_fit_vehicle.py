@@ -12,7 +12,7 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from common import ROOT, with_header
+from common import ROOT
 
 from eadp import fit_vehicle
 from eadp.io.text.streams import read_text
@@ -163,18 +163,6 @@ def test_what_is_missing_is_named(eadp, log):
     assert "bank (" not in answer.err
 
 
-@pytest.mark.parametrize("name", ["opterra_power.csv", "px4_battery_first900s.csv"])
-def test_published_logs_lack_an_airspeed(eadp, name, tmp_path):
-    path = ROOT.parent / "shared/reference/logs" / name
-    if not path.exists():
-        pytest.skip("the reference data are absent")
-    if "opterra" in name:
-        path = with_header(path, tmp_path)
-    answer = eadp("fit", path, "--vehicle")
-    assert answer.code == 2
-    assert "the log lacks airspeed" in answer.err
-
-
 def test_bad_bases(eadp, log, tmp_path):
     base = tmp_path / "base.yaml"
     base.write_text("schema: eadp.vehicle/1\nairframe: {model: paper}\n")
@@ -269,37 +257,6 @@ def test_a_dataflash_log(eadp, tmp_path):
     path = tmp_path / "log.log"
     path.write_text("\n".join(lines) + "\n")
     assert_wing(json.loads(eadp("fit", path, "--vehicle", "--format", "json").out))
-
-
-@pytest.mark.slow
-def test_round_after_round_of_fit_and_export_flies_the_same(eadp, tmp_path):
-    """The log has the calibrated airspeed that the autopilot was set to, at 2000 m: 0.9064 of the true one."""
-    pytest.importorskip("pymavlink")
-    head = [
-        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
-        "FMT, 1, 30, BAT, Qff, TimeUS,Volt,Curr",
-        "FMT, 2, 30, ARSP, Qf, TimeUS,Airspeed",
-        "FMT, 5, 30, POS, Qf, TimeUS,Alt",
-    ]
-    plan, scenario, set_mps, found = tmp_path / "p.plan", tmp_path / "s.yaml", 15 * 0.9064, []
-    plan.write_text("%: origin 47 8\n0.1; 90; x\n0, 300\n")
-    scenario.write_text("schema: eadp.scenario/1\nvehicle: v.yaml\n")
-    for _ in range(3):
-        lines = []
-        for i in range(900):
-            us, true_mps = 200_000 * i + 1000, set_mps / 0.9064
-            watts = WING.level_power_w(true_mps) * (1 + 0.01 * math.sin(i / 7))
-            lines += [f"BAT, {us}, 16.0, {watts / 16:.6f}", f"ARSP, {us}, {set_mps:.5f}", f"POS, {us}, 2000"]
-        (tmp_path / "log.log").write_text("\n".join([*head, *lines]) + "\n")
-        assert eadp("fit", tmp_path / "log.log", "--vehicle", "-o", tmp_path / "v.yaml").code == 0
-        keys = yaml.safe_load((tmp_path / "v.yaml").read_text())["airframe"]
-        given = ("--scenario", scenario, "--parameters", tmp_path / "p.param", "-o", tmp_path / "m")
-        answer = eadp("export", plan, "--to", "ardupilot", *given)
-        assert answer.code == 0, answer.err
-        set_mps = float(re.search("AIRSPEED_CRUISE,([0-9.]+)", (tmp_path / "p.param").read_text())[1])
-        found.append((keys["airspeed_mps"], keys["points"][0][1], keys["air_density_kgpm3"], set_mps))
-    for each in found:
-        assert each == pytest.approx((15, WING.level_power_w(15), 1.0065, 13.596), rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -45,13 +45,3 @@ def test_a_part_of_the_log_keeps_the_times_of_the_log(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         read_fit(path, Columns(), FitOptions(start_s=20.1, end_s=20.2))
     assert faults(error)[0].startswith("--to:1:1: error: leaves nothing of the log")
-
-
-def test_a_spike_is_a_warning_at_its_time_in_the_log(tmp_path: Path) -> None:
-    path = Path(log_file(tmp_path))
-    rows = path.read_text().splitlines()
-    rows[101] = "50.0,900"
-    path.write_text("\n".join([*rows, ""]))
-    fit = read_fit(str(path), Columns(), FitOptions(start_s=10.0))
-    assert fit.counts["spikes"] == 1
-    assert [fault.message for fault in fit.warnings] == ["1 spike left out, the first at 50 s"]

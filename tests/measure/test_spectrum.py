@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -96,45 +95,6 @@ def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, 
     found = analyse(times, noisy(times, noise_w, terms=((2.0, 0.3),), period_s=period_s))
     assert found.range_s[0] == pytest.approx(6.0, rel=1e-3)
     assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(period_s, rel=1e-4), 1)
-
-
-@pytest.mark.slow
-def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> None:
-    times = np.arange(0.0, 1500.0, 1.5)
-    found = analyse(times, noisy(times, 0.5, terms=((0.3, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
-    assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(12.0, rel=1e-3), 3)  # 0.3 W is 13 deviations
-    lost = analyse(times, noisy(times, 0.5, terms=((0.03, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
-    assert lost.period_s == pytest.approx(4.0, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_the_search_ends_where_the_likelihood_goes_back_to_the_multiple(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of 55 s, whose first harmonic may be zero in noise of 15 s, 28 s is half; of 28 s, 55 s is likelier again."""
-    calls, assess = [0], spectrum._assess
-
-    def counted(*arguments: Any) -> Any:
-        calls[0] += 1
-        assert calls[0] <= 2
-        return assess(*arguments)
-
-    monkeypatch.setattr(spectrum, "_assess", counted)
-    rng = np.random.default_rng([0, 1])
-    period_s, memory = rng.uniform(30, 60), math.exp(-0.5 / 15)
-    terms = tuple(zip(np.array([2.1, 1.4, 0.6]) * rng.uniform(0.7, 1.3, 3), rng.uniform(-np.pi, np.pi, 3), strict=True))
-    times = sampled(5, period_s=period_s)
-    slow = lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=len(times) + 600))[600:]
-    std_w = math.sqrt(sum(amplitude**2 for amplitude, _ in terms) / 2)
-    found = analyse(times, signal(times, terms, period_s) + std_w * slow)
-    assert calls[0] == 2
-    assert found.period_s == pytest.approx(period_s, rel=0.03)
-
-
-@pytest.mark.slow
-def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:
-    times = np.arange(0.0, 1300.0, 0.7)
-    power = noisy(times, terms=((2.0, 0.3),), period_s=3.0)
-    assert analyse(times, power, period_prior_s=3.3).period_s == pytest.approx(3.0, rel=1e-5)
-    assert analyse(times, power, period_prior_s=9.0).period_s == pytest.approx(9.0, rel=1e-4)
 
 
 @pytest.mark.quick(1)
@@ -301,16 +261,6 @@ def test_standard_deviation_holds_under_correlated_noise() -> None:
     assert sum(abs(deviation) < 1.96 for deviation in deviations) >= 13
 
 
-@pytest.mark.slow
-def test_correlated_noise_widens_the_standard_deviation() -> None:
-    times = sampled(6)
-    white = np.random.default_rng(1).normal(size=len(times))
-    slow = lfilter([math.sqrt(1 - 0.95**2)], [1, -0.95], white)
-    slow *= white.std() / slow.std()
-    spread = [analyse(times, signal(times) + 0.5 * noise).period_std_s for noise in (white, slow)]
-    assert spread[1] > 1.5 * spread[0]
-
-
 @pytest.mark.parametrize("seed", few(range(3), 1))
 def test_a_period_in_slow_noise_as_strong_as_the_signal(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -454,19 +404,6 @@ def test_a_prior_of_which_only_a_sliver_fits_into_the_log() -> None:
     assert not found.periodic
 
 
-# at 95 %, of 20 fewer inside than 15 come with a chance of 0.03 %
-@pytest.mark.slow
-def test_the_mean_of_noise_is_known_as_well_as_is_said() -> None:
-    n, memory = 400, math.exp(-0.5 / 15)
-    inside = []
-    for seed in range(20):
-        draws = np.random.default_rng([7, seed]).normal(size=n + 2000)
-        noise = np.asarray(lfilter([math.sqrt(1 - memory**2)], [1, -memory], draws))[-n:]
-        found = analyse(0.5 * np.arange(n), MEAN_W + noise)
-        inside.append(abs(found.mean_w - MEAN_W) <= 1.96 * found.mean_std_w or found.periodic)
-    assert sum(inside) >= 15
-
-
 def test_standard_deviations_of_mean_and_amplitudes_in_white_noise() -> None:
     # of n samples over whole periods: σ/√n of the mean, σ√(2/n) of an amplitude
     times, std_w = sampled(8), 2.0
@@ -496,29 +433,3 @@ def test_too_few_samples() -> None:
         analyse(few, few)
     found = analyse(np.arange(float(MIN_SAMPLES)), np.cos(np.arange(MIN_SAMPLES)))
     assert found.period_s == pytest.approx(2 * math.pi, rel=1e-6)
-
-
-LONG = np.arange(0.0, 20_000.0, 2.0)
-"""Of periods that fit more than 1,500 times into it."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_a_short_period_of_a_long_log_is_found_to_the_turn(seed):
-    rng = np.random.default_rng(1000 + seed)
-    turns = 2 * np.pi * LONG / 13.0
-    found = analyse(LONG, 36 + 2 * np.cos(turns) + 0.3 * np.cos(2 * turns + 1) + 0.5 * rng.normal(size=len(LONG)))
-    assert found.periodic
-    assert found.period_s == pytest.approx(13.0, abs=4 * found.period_std_s)
-    assert found.period_std_s < 1e-4
-    assert found.drift_s is None
-
-
-@pytest.mark.slow
-def test_a_short_period_of_a_long_log_that_drifts_is_said_to():
-    rng = np.random.default_rng(1)
-    turns = 2 * np.pi * np.cumsum(2.0 / (13.0 * (1 + 0.05 * (LONG / LONG[-1] - 0.5))))
-    found = analyse(LONG, 36 + 2 * np.cos(turns) + 0.5 * rng.normal(size=len(LONG)))
-    assert found.periodic
-    assert found.drift_s == pytest.approx((13.0 * 0.977, 13.0 * 1.023), rel=5e-3)
-    assert found.drift_s[0] < found.period_s < found.drift_s[1]

@@ -16,7 +16,7 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
 from eadp.papers.estimator import EstimatorSettings
-from eadp.papers.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting_s, _matrix_fault
+from eadp.papers.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting_s
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
@@ -53,25 +53,6 @@ def test_weights_have_the_size_of_what_they_weigh():
     found = faults(order=2, cost_weights=(identity(3), identity(3)))
     assert [key for key, _, _ in found] == ["cost_weights.0", "cost_weights.1"]
     assert [message for _, message, _ in found] == ["Q is no 5 × 5 matrix", "R is no 2 × 2 matrix"]
-
-
-@pytest.mark.parametrize(
-    ("rows", "fault"),
-    [
-        ([[2.0, 1.0], [1.0, 2.0]], ""),
-        ([[1.0, 1.0], [1.0, 1.0]], ""),  # semidefinite: eigenvalues 0 and 2
-        ([[0.0, 0.0], [0.0, 0.0]], ""),
-        ([[1e9, 1.0], [0.5, 1e9]], ""),  # asymmetric by half a rounding
-        ([[1e9, 3.0], [0.5, 1e9]], "is not symmetric"),
-        ([[1.0, 2.0], [2.0, 1.0]], "has the eigenvalue -1, below 0"),
-        ([[-0.5, 0.0], [0.0, -2.0]], "has the eigenvalue -2, below 0"),
-        ([[1.0, math.inf], [math.inf, 1.0]], "is not finite"),
-        ([[1.0, 0.0]], "is no 2 × 2 matrix"),
-        ([[1.0, 0.0], [0.0]], "is no 2 × 2 matrix"),
-    ],
-)
-def test_faults_of_a_matrix(rows, fault):
-    assert _matrix_fault(rows, 2) == fault
 
 
 def test_trade_offs_out_of_reach_are_a_fault():

@@ -13,7 +13,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing
-from eadp.papers.estimator import EstimatorSettings, ExactEstimator
+from eadp.papers.estimator import EstimatorSettings
 from eadp.papers.power import PowerTracker, _estimator
 from eadp.planning.base import Mission, Readings
 from eadp.planning.state.flight_state import FlightState
@@ -116,12 +116,6 @@ def test_it_answers_as_one_that_does_not_wait(settings, asked_every):
     assert waiting.computing_w == pytest.approx(computing_w(6.0))
 
 
-def test_before_any_reading_there_is_an_estimate_all_the_same():
-    forecasts_w, (estimate,) = Waiting(horizon_s=6.0).estimates([0.05])
-    assert forecasts_w == [0.0]
-    assert (estimate.computing_w, estimate.horizon_s) == (0.0, 6.0)
-
-
 @pytest.mark.parametrize("settings", KINDS, ids=lambda settings: settings.kind)
 def test_a_batch_is_its_readings_one_by_one(settings):
     times_s = np.arange(0.1, 4.0, 0.1)
@@ -132,23 +126,6 @@ def test_a_batch_is_its_readings_one_by_one(settings):
         expected_w = apart.observe(time_s, reading)
     assert together.estimates([4.0])[0] == pytest.approx([expected_w], abs=ROUNDING)
     assert together.estimator.state_w == pytest.approx(apart.state_w, abs=ROUNDING)
-
-
-def test_an_instant_has_the_last_reading_before_it():
-    waiting = Waiting()
-    waiting.ingest(readings([1.0, 1.1, 1.2, 1.3], [30.0] * 4))
-    _, estimates = waiting.estimates([0.9, 1.0, 1.15, 1.2, 9.0])
-    assert [one.time_s for one in estimates] == [0.0, 1.0, 1.1, 1.2, 1.3]
-    assert waiting.estimates([9.5])[1][0].time_s == 1.3
-
-
-def test_where_it_is_not_asked_nothing_is_processed(monkeypatch):
-    monkeypatch.setattr(ExactEstimator, "observe", lambda *_: pytest.fail("processed"))
-    waiting = Waiting()
-    waiting.ingest(readings([1.0, 1.1], [30.0, 31.0]))
-    waiting.observe(seen(1.2, 30.0, started=2))
-    assert waiting.state.known(1.2, (0.0, 0.0)).soc <= 1.0, "the filters are asked, and not the estimator"
-    assert waiting.period_s is not None
 
 
 @pytest.mark.parametrize("false_w", [1e5, np.inf, np.nan])

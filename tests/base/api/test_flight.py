@@ -9,7 +9,6 @@ import pytest
 from eadp.api.flight import _copy_inputs, fly_flight
 from eadp.api.inputs import load_flight
 from eadp.io.text.streams import Text
-from eadp.papers.estimator import PowerEstimate
 from eadp.planning.base import DecisionRecord, Ending, HomeRecord
 
 
@@ -55,10 +54,6 @@ def test_inputs_of_one_name_are_all_kept(tmp_path):
     files = {path.name: path.read_bytes().decode("ascii", "ignore") for path in (tmp_path / "inputs").iterdir()}
     assert files.pop("overrides.txt") == "vehicle.name=\n"
     assert sorted(files.values()) == sorted(kinds)
-
-
-def test_a_planner_without_records_has_no_file_of_them(written):
-    assert not (written["static"][0] / "decisions.jsonl").exists()
 
 
 @pytest.mark.parametrize("planner", ["joint", "static"])
@@ -108,17 +103,3 @@ def test_the_estimate_follows_the_flight(written, planner):
         assert row["forecast_0_w"] == pytest.approx(sum(state[:1] + state[1::2]) + row["computing_w"], abs=1)
     error = [row["forecast_0_w"] - step["power_w"] for row, step in zip(rows[-200:], steps[-200:], strict=True)]
     assert np.median(np.abs(error)) < 0.3
-
-
-def test_forecasts_are_at_parts_of_the_horizon():
-    estimate = PowerEstimate(5.0, 40.0, np.array([30.0, 3.0, 4.0, 0.0, 0.0]), 1.0, 9.0, 20.0)
-    angle = 2 * np.pi / 40 * np.arange(13) * 20 / 12
-    assert estimate.horizon_w() == pytest.approx(39 + 3 * np.cos(angle) + 4 * np.sin(angle))
-
-
-def test_the_published_filter_follows_at_the_default_rate(root):
-    overrides = {"estimator.kind": "published", "time_limit_s": 90}
-    scenario = str(root / "scenarios/survey.yaml")
-    inputs = load_flight(str(root / "plans/survey.plan"), scenario=scenario, overrides=overrides)
-    columns = fly_flight(inputs).columns
-    assert np.median(np.abs(columns["power_forecast_w"] - columns["power_w"])) < 0.2

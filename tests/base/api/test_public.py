@@ -72,12 +72,6 @@ def test_what_is_wrong_is_an_error_that_names_the_option(call, message):
         call()
 
 
-def test_a_keyword_that_does_not_exist_is_refused():
-    for function in (library.simulate, library.forecast):
-        with pytest.raises(TypeError, match="unexpected keyword argument 'lap'"):
-            function(PLAN, lap=1)
-
-
 def test_a_flight_is_that_of_the_command(eadp, tmp_path):
     given = [word for key, value in SHORT.items() for word in ("--set", f"{key}={value}")]
     command = ("simulate", PLAN, "--scenario", SCENARIO, *given, "--planner", "joint", "--seed", "3")
@@ -150,13 +144,6 @@ def test_an_export_is_that_of_the_command(eadp, tmp_path):
     )
     with pytest.raises(library.InputError, match=r"--to:1:1: error: is no format; expected one of .* did you mean qgc"):
         library.export(PLAN, "qg", options)
-
-
-def test_an_aircraft_is_that_of_the_command(eadp):
-    vehicle, found = library.vehicle(ROOT / "vehicles/mapper.yaml", [4.0])
-    told = json.loads(eadp("vehicle", "vehicles/mapper.yaml", "--wind", "4", "--format", "json").out)
-    assert (vehicle.name, found.level_power_w) == (told["name"], told["level_power_w"])
-    assert len(found.winds) == len(told["winds"]) == 1
 
 
 def test_a_field_is_covered_as_by_the_command(eadp):

@@ -49,11 +49,9 @@ PLACED = "%: origin 55.37 10.43\n0.1; 90; x\n0, 400\n"
     ("setting", "expected"),
     [
         ("battery.capacity_ah=3200", "less than or equal to 1000"),  # mAh
-        ("vehicle.airframe.max_bank_deg=0.78", "greater than or equal to 2"),  # rad
         ("vehicle.airframe.airspeed_mps=54", "an aeroplane that can fly so"),  # km/h
         ("wind.speed_mps=20", "a wind below the airspeed"),  # km/h
         ("wind.from_deg=2700", "less than or equal to 360"),
-        ("wind.speed_mps=6,5", "a number with a decimal point, as in 6.5"),
         ("guidance.wind_corrected=yes", "true or false"),
     ],
 )
@@ -80,19 +78,8 @@ def surveyed(**changed):
             2,
             "which is at 55.47° N, 10.33° E; expected LAT,LON in that order: here or",
         ),
-        (surveyed(home="55.4715,10.333", landing="home"), 2, "--landing:1:1: error: no place and heading; expected"),
         (surveyed(sensor_width_mm=0.0063), 2, "--sensor-width-mm:1:1: error: 0.0063 is out of range"),  # m
         (surveyed(side_overlap=0.7), 2, "0.7 %; expected percent from 1 to 99, as 70"),
-        (
-            surveyed(forward_overlap=95),
-            0,
-            "each 4.18 m, which are 0.28 s on the fastest lines; expected 0.5 s, as most cameras",
-        ),
-        (
-            surveyed(forward_overlap=80, picture_interval=2),
-            0,
-            "1.1 s on the fastest lines; expected the camera's 2 s",
-        ),
         (surveyed(min_radius=15), 0, "which the aircraft holds not even in calm air; in 0 m/s it needs"),
         (
             surveyed(wind="20,240"),
@@ -100,7 +87,6 @@ def surveyed(**changed):
             "a wind of 20 m/s, no slower than the aircraft; expected less than its 15 m/s; 20 km/h are 5.56 m/s",
         ),  # km/h
         (surveyed(wind="4,2400"), 2, "a bearing of 2400°; expected 0 to 360"),
-        ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000"),
     ],
 )
 def test_what_was_probably_meant(eadp, arguments, code, said):
@@ -109,19 +95,6 @@ def test_what_was_probably_meant(eadp, arguments, code, said):
     refused(answer) if code else answer
     assert said in answer.err
     assert (answer.err == "") == (said == ""), answer.err
-
-
-def test_times_without_a_wind_are_for_calm_air(eadp):
-    assert "wind       none: times are for calm air" in eadp(*surveyed(), "--format", "text").out
-    assert "wind       4 m/s; times are in it" in eadp(*surveyed(wind="4,240"), "--format", "text").out
-
-
-def test_a_field_is_covered_by_an_aircraft_that_can_fly_so(eadp, tmp_path):
-    """An airspeed in km/h takes more than the motor has."""
-    wing = tmp_path / "wing.yaml"
-    wing.write_text("schema: eadp.vehicle/1\nairframe: {model: fixed-wing, airspeed_mps: 58, max_power_w: 400}\n")
-    answer = eadp("cover", *SURVEY, "--vehicle", wing, "--swath", 40)
-    assert refused(answer, "of a motor of 400 W; expected an aeroplane that can fly so")
 
 
 # --- places
@@ -167,12 +140,6 @@ def test_metres_of_a_grid(eadp, tmp_path):
 # --- numbers that are printed as edges
 
 
-def test_the_ends_of_a_set_are_printed_so_that_they_are_in_it(eadp, tmp_path):
-    plan = tmp_path / "a.plan"
-    plan.write_text("0.1; 90; x - c1\n0, 400\n[-694.539806, 0]\n")
-    assert refused(eadp("simulate", plan, "--set", "c1=-694.54"), "c1 = -694.54 is", "a value in [-694.539806, 0]")
-
-
 # --- texts and tables
 
 LOG = [(0.5 * i, 30 + 5 * math.cos(0.25 * i)) for i in range(400)]
@@ -191,9 +158,6 @@ def table(head, rows, mark=","):
             'fps,power_w\n"2,5",5\n3,6\n',
             "2:1: error: 2,5 is not a number; expected a decimal point, as in 2.5",
         ),
-        ("profile", "lat_deg,lon_deg,power_w\n0,1,2\n1,1,2\n", "1:1: error: lat_deg is a position"),
-        ("fit", table("time,power", LOG), "1:1: error: time has no unit"),
-        ("fit", table("timestamp,power_w", LOG), "error: a row every 5e-07 s, if timestamp is in µs"),
     ],
 )
 def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
@@ -207,8 +171,6 @@ def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
     ("command", "body", "message"),
     [
         ("plan", "0.1; 90; x\n0,5, 400\n", "2:1: warning: a trigger with a radius of 400 m, or a decimal comma"),
-        ("plan", "0.1; 90; x\n0, 400,5\n", "2:1: warning: a trigger with a radius of 5 m, or a decimal comma"),
-        ("plan", "0.1; 90; x\n0, 400, 5\n", ""),
         ("profile", "fps,power_w\n2,500\n3,6000\n", "3:3: warning: a power of 6000 W; expected at most 1000 W"),
         (
             "fit",
@@ -231,6 +193,6 @@ def test_texts_that_may_mean_something_else(eadp, tmp_path, command, body, messa
     assert message or not answer.err
 
 
-@pytest.mark.parametrize("value", ["-500,5", "2026-11-23", "-5000"])
+@pytest.mark.parametrize("value", ["-500,5", "-5000"])
 def test_parameters_of_a_plan_are_checked_though_nothing_is_drawn(eadp, value):
     assert refused(eadp("plan", "plans/survey.plan", "--set", f"c1={value}"), "--set:1:4")

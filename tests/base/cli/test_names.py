@@ -45,13 +45,10 @@ def test_a_header_names_the_path_parameters():
 @pytest.mark.parametrize(
     ("header", "column", "words"),
     [
-        ("paths", 9, "a path parameter without a name of its own"),
         ("paths x", 10, "a path parameter without a name of its own"),
         ("paths a, b", 10, "2 names for 1 path parameters"),
-        ("paths a [m = c1", 10, "a path parameter without a name of its own"),
         ("paths a = 3", 13, "a is no expression in c1 alone"),
         ("paths a = (c1 + 5)^2", 13, "a neither rises nor falls over all of the set of c1"),
-        ("paths a = c1 +", 18, "the expression ends too early"),
     ],
 )
 def test_a_header_that_names_nothing_is_refused(tmp_path, eadp, header, column, words):
@@ -112,9 +109,7 @@ def test_settings_name_parameters_as_people_do(eadp, tmp_path):
             "--set parameters.spacing:1:1: error: spacing = 30 is outside its set; expected a value in [10, 25.1",
         ),
         ("spacin=20", "unknown key spacin: the plan has no parameter spacin either; expected one of spacing, fps"),
-        ("seeed=2", "did you mean seed?"),
         ("planner.weights.fsp=2", "the plan has no parameter fsp; expected one of spacing, fps; did you mean fps?"),
-        ("winds.speed_mps=2", "did you mean wind?"),
         ("planner.paper.gains.spacing=3", "spacing stands for a value of c1, which is not known here; expected c1"),
     ],
 )

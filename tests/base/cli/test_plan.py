@@ -7,7 +7,7 @@ import json
 import pytest
 import sympy
 from common.answers import refused
-from common.plans import APPENDIX_PRINTED, PARTS
+from common.plans import PARTS
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
@@ -73,19 +73,6 @@ def test_check_says_what_is_proven_and_what_is_sampled(eadp, tmp_path):
     ]
     path.write_text("0.1; 90; x\n0, 200\n")
     assert eadp("plan", path, "--check").out.splitlines()[0] == "trigger on its path  holds in stage 1"
-
-
-def test_the_misprints_formulas_in_json(eadp, tmp_path):
-    path = tmp_path / "printed.plan"
-    path.write_text(APPENDIX_PRINTED)
-    document = json.loads(eadp("plan", path, "--check", "--format", "json").out)
-    found = [(item["code"], item.get("formula"), item["proven"]) for item in document["findings"]]
-    assert found[:2] == [
-        ("trigger-off-path", "2*c1", True),
-        ("trigger-off-next", "5*c1 - 840*sqrt(c1 + 4900) + 58800", True),
-    ]
-    assert document["proofs"][1] == {"own": "0", "next": "0", "direction": True}
-    assert document["proofs"][-1] == {"own": found[2][1], "next": None, "direction": None}
 
 
 def test_sympy_reads_what_it_printed(eadp, root):
@@ -177,9 +164,7 @@ def test_plots(eadp, tmp_path):
     ("arguments", "word"),
     [
         (("--set", "c9=1", "--trace", "1"), "no parameter c9"),
-        (("--set", "c1=nan", "--trace", "1"), "not a number"),
         (("--set", "c1=5", "--trace", "1"), "outside its set"),
-        (("--trace", "nan"), "--trace"),
         (("--trace", "1e-9"), "more than 5000000 points"),
         (("--plot", "plan.pdf"), ".svg or .png"),
         (("--plot", "nosuch/folder/plan.svg"), "cannot be written"),

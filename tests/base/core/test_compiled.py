@@ -1,7 +1,5 @@
 """Compiled code beside the plain function, and the door to it."""
 
-import math
-
 import pytest
 
 from eadp.core import compiled
@@ -25,10 +23,6 @@ def outermost(x):
     return helper(x) + 1
 
 
-def further(x):
-    return sum([outermost(each) for each in (x, math.sqrt(x))])
-
-
 def test_off_a_function_is_itself():
     assert not compiled.enabled()
     assert compiled.jitted(outermost) is outermost
@@ -43,17 +37,6 @@ def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
     assert jitted is compiled.jitted(outermost)
     assert jitted(3.0) == outermost(3.0) == 7.0
     assert [*tmp_path.rglob("*.nbi")]
-
-
-@fast
-def test_without_a_home_it_is_compiled_all_the_same(switched_on, monkeypatch):
-    def no_home():
-        raise RuntimeError("Could not determine home directory.")
-
-    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(compiled.Path, "home", no_home)
-    assert compiled.jitted(lambda x: x + 1.0)(2.0) == 3.0
 
 
 @pytest.fixture
@@ -71,7 +54,3 @@ def test_nothing_is_compiled_where_numba_cannot_be_imported(monkeypatch, asked_a
 
     monkeypatch.setattr(compiled.importlib, "import_module", fails)
     assert not compiled.enable()
-
-
-def test_helpers_are_found_through_others():
-    assert compiled.helpers_of(further) == {outermost, helper}

@@ -192,20 +192,3 @@ def test_pchip_needs_one_changing_parameter() -> None:
 def test_pchip_of_configurations_too_close_together() -> None:
     with pytest.raises(Infeasible, match="too close"):
         interpolant([[0.0], [1e-310], [1.0]], [0.0, 1.0, 2.0], "pchip")
-
-
-@pytest.mark.parametrize(
-    ("points", "values"),
-    [
-        ([[1.0], [1.0], [2.0]], [1.0, 1.0, 2.0]),
-        ([[1.0], [2.0]], [1.0]),
-        ([[1.0], [math.nan]], [1.0, 2.0]),
-        ([[1.0], [2.0]], [1.0, math.inf]),
-        ([1.0, 2.0], [1.0, 2.0]),
-        (np.empty((0, 1)), []),
-    ],
-    ids=["twice", "shapes", "nan", "inf", "flat", "empty"],
-)
-def test_misuse_is_a_value_error(points: object, values: object) -> None:
-    with pytest.raises(ValueError, match=r"twice|fit|finite"):
-        interpolant(points, values)  # type: ignore[arg-type]

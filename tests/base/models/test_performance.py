@@ -8,7 +8,7 @@ import pytest
 
 from eadp.models.battery import Battery
 from eadp.models.performance import performance
-from eadp.models.vehicle import FixedWing, PaperVehicle
+from eadp.models.vehicle import FixedWing
 
 # a glider with ½ρS = 0.5, W = 9.80665 N: its best speeds lie far above the stall
 WING = FixedWing(
@@ -91,7 +91,6 @@ def test_a_wind_that_no_airspeed_outflies():
         ({}, {}, None),
         ({"airspeed_mps": 2.0}, {}, "below the stall's"),
         ({"airspeed_mps": 3.0, "max_bank_deg": 70.0}, {}, "the wing stalls"),
-        ({"max_power_w": 2.0}, {}, "of a motor of 2 W"),
         ({"max_power_w": 8.0}, {}, "a climb of 3 m/s"),
         ({}, {"resistance_ohm": 10.0}, "level flight"),
         ({}, {"max_c_rate": 0.1}, "current limit"),
@@ -101,10 +100,3 @@ def test_what_cannot_be_is_named(wing, battery, words):
     found = performance(replace(WING, **wing), replace(IDEAL, **battery))
     assert (words is None) == (found.faults == ())
     assert words is None or words in " ".join(found.faults)
-
-
-def test_the_papers_vehicle_has_one_speed():
-    found = performance(PaperVehicle(), IDEAL, [5.0])
-    assert found.endurance_mps == found.range_mps == pytest.approx(15.0)
-    assert found.stall_mps is found.glide_ratio is found.climb_mps is None
-    assert found.winds[0].held.endurance_s == pytest.approx(20 / 26 * 3600, rel=1e-6)

@@ -56,13 +56,6 @@ def test_arrays_are_sorted_read_only_copies() -> None:
         made.power_w[0] = 1
 
 
-def test_shapes_that_do_not_fit() -> None:
-    with pytest.raises(ValueError, match="do not fit"):
-        Profile(("fps", "keysize"), ("", ""), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]))
-    with pytest.raises(ValueError, match="do not fit"):
-        Profile(("fps",), ("",), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]), np.array([0.1]))
-
-
 # levels
 
 
@@ -77,11 +70,6 @@ def test_levels_are_the_measured_values_where_whole_steps_miss_one() -> None:
     assert HALF.levels(0, 0, 2) == (0.5, 1, 2)
     assert HALF.levels(0, 0.7, 2) == (0.7, 1, 2), "the lower bound lies between two measured values"
     assert HALF.levels(0, 1, 4) == (1, 2, 3, 4), "0.5 is not within the bounds"
-
-
-def test_levels_of_one_value_and_of_none() -> None:
-    assert PEDNET.levels(0, 4, 4) == (4,)
-    assert PEDNET.levels(0, 5, 4) == ()
 
 
 def test_too_many_levels() -> None:

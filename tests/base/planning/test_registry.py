@@ -12,7 +12,7 @@ from common.observations import Piloted
 from common.observations import observation as observed
 from scipy.integrate import solve_ivp
 
-from eadp.errors import EadpError, Infeasible, SolverFailed
+from eadp.errors import Infeasible, SolverFailed
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
@@ -21,11 +21,9 @@ from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing, PowerCurve
 from eadp.papers.horizon import Horizon
-from eadp.papers.planner import PaperPlanner, PaperSettings, _coverage
-from eadp.papers.power import _nominal_lap_s
+from eadp.papers.planner import PaperSettings
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
-from eadp.planning.joint.planner import JointPlanner
-from eadp.planning.registry import PLANNERS, Planner, make_flight, planner_class
+from eadp.planning.registry import PLANNERS, make_flight, planner_class
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))
@@ -59,14 +57,6 @@ def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0
             last = decision.parameters
             changes.append((round(time_s, 6), last))
     return changes
-
-
-def test_names():
-    assert type(planner(settings=replace(SETTINGS, name="static")).planner) is Planner
-    assert isinstance(planner().planner, PaperPlanner)
-    assert isinstance(planner(settings=replace(SETTINGS, name="joint")).planner, JointPlanner)
-    with pytest.raises(EadpError, match="unknown planner greedy"):
-        planner(settings=replace(SETTINGS, name="greedy"))
 
 
 def test_a_planner_is_named_in_the_registry_alone():
@@ -385,20 +375,3 @@ def test_a_fit_is_what_the_estimator_starts_from():
     assert estimator.period_std_s == pytest.approx(0.02 * 46.0), "another flight's period is not as sure as its fit"
     mean = make_flight(SETTINGS, replace(mission(), energy=EnergyModel(None, 31.0)))
     assert mean.power.estimator.state_w.tolist() == [31.0]
-
-
-def test_the_first_period_of_a_single_lap_is_the_lap():
-    """A square of 400 m, flown once: no lap before the last one is whole."""
-    text = "0.1; 90; x - 100\n100, 100\n0.1; 270; -y + 100\n0, 100\n"
-    plan = read_plan(Text("once", text))[0]
-    mission = Mission(plan, join_profile(plan, None), BATTERY, SLOW, (), (100.0, 0.0))
-    assert _nominal_lap_s(mission) == pytest.approx(20.0)
-
-
-def test_without_a_free_path_parameter_there_are_no_times_of_coverage():
-    """The rule has nothing to choose from: the path parameter has one value in every stage."""
-    text = "0.1; 90; x - 100 + c1\n100 - c1, 100\n[5, 5]\n"
-    plan = read_plan(Text("fixed", text))[0]
-    mission = Mission(plan, join_profile(plan, None), BATTERY, SLOW, (5.0,), (95.0, 0.0))
-    assert plan.path_count == 1
-    assert _coverage(PaperSettings(), mission) is None

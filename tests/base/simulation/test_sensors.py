@@ -55,11 +55,6 @@ def test_what_is_told_of_a_step_does_not_depend_on_others_asked_of():
         assert suite.soc(k, 0.5) == every[k - 1][2]
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.2])
-def test_a_delay_is_as_many_steps(delay_s):
-    assert SensorSuite(Sensors(delay_s=delay_s), STEP_S, np.random.default_rng(0)).late == round(delay_s / STEP_S)
-
-
 @pytest.mark.parametrize(("share", "length_s"), [(0.1, 2.0), (0.5, 1.0), (0.9, 5.0)])
 def test_drop_outs_are_as_often_and_as_long_as_is_said(share, length_s):
     n = 400_000

@@ -1,7 +1,5 @@
 """Value, gradient and Hessian of path functions, against differences in 60 digits."""
 
-import math
-
 import mpmath
 import pytest
 from hypothesis import assume, given
@@ -9,7 +7,6 @@ from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import substituted
 from eadp.errors import ExpressionError, PathUndefined
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
@@ -86,13 +83,6 @@ def test_jet_of_each_function(text):
     assert jet_of(text) == close(by_differences(text))
 
 
-@pytest.mark.parametrize(
-    "point", [(3.0, 4.0), (-3.0, 4.0), (-3.0, -4.0), (3.0, -4.0), (0.0, 2.0), (0.0, -2.0), (1.0, 0.0)]
-)
-def test_the_angle_in_every_quadrant(point):
-    assert jet_of("atan2(y, x)", point) == close(by_differences("atan2(y, x)", point))
-
-
 # --- generated expressions --------------------------------------------------------------------------------------------
 
 numerals = st.sampled_from(["2.0", "0.5", "3.0", "1.25", "7.0"])
@@ -158,12 +148,6 @@ def test_the_value_is_that_of_the_expression(text, point):
 # --- one compiled function for one shape ------------------------------------------------------------------------------
 
 
-def test_circles_of_a_survey_share_their_code():
-    paths = [bind(read_expression(f"(x+{45 - 10 * k})^2+(y-{146 + k})^2-4900"), ()) for k in range(1, 5)]
-    assert len({path.__code__ for path in paths}) == 1
-    assert [path(-45 + 10 * k, 146 + k)[0] for k, path in enumerate(paths, 1)] == [-4900] * 4
-
-
 def test_constants_and_parameters_of_one_path_do_not_reach_another():
     one, other = bind(read_expression("c1*x - 5"), (2.0,)), bind(read_expression("c1*x - 7"), (3.0,))
     assert (one(10, 0)[0], other(10, 0)[0]) == (15, 23)
@@ -172,22 +156,6 @@ def test_constants_and_parameters_of_one_path_do_not_reach_another():
 
 
 # --- large and deep ---------------------------------------------------------------------------------------------------
-
-
-def test_a_product_of_a_thousand_factors_of_both_coordinates():
-    path = bind(read_expression("*".join(["(x-y)", "(y+2)"] * 500)), ())
-    x, y = 1.01, 0.02  # 0.99^500 · 2.02^500
-    value = math.exp(500 * (math.log(0.99) + math.log(2.02)))
-    a, b = 500 / 0.99, -500 / 0.99 + 500 / 2.02
-    wanted = (
-        value,
-        value * a,
-        value * b,
-        value * (a * a - 500 / 0.99**2),
-        value * (a * b + 500 / 0.99**2),
-        value * (b * b - 500 / 0.99**2 - 500 / 2.02**2),
-    )
-    assert path(x, y) == pytest.approx(wanted, rel=1e-9)
 
 
 @pytest.mark.quick(2)
@@ -205,17 +173,6 @@ def test_the_deepest_expression_that_reads_can_be_flown(before):
         assert len(path(0.5, 0.5)) == 6
     except OverflowError:
         assert before == "2^("
-
-
-def test_a_deep_expression_in_a_deep_expression():
-    for _ in range(2):  # the second time it is compared with what is kept
-        inner = read_expression("(1+0.5*" * 95 + "c1" + ")" * 95)
-        outer = read_expression("1+0.5*sqrt(" * 95 + "x-left" + ")" * 95, {"left"})
-        try:
-            whole = substituted(outer, {"left": inner})
-        except ExpressionError:
-            return
-        assert len(bind(whole, C)(1e6, 0.0)) == 6
 
 
 # --- where there is no value ------------------------------------------------------------------------------------------
@@ -248,10 +205,3 @@ def test_a_parameter_without_a_value():
     with pytest.raises(PathUndefined, match="names a parameter that has no value"):
         bind(read_expression("x - c2"), (1.0,))
     assert bind(read_expression("x - c2"), (1.0, 2.0, 3.0))(5, 0)[0] == 3
-
-
-@pytest.mark.slow
-def test_more_shapes_than_are_kept_can_be_flown():
-    for k in range(600):
-        terms = ["x", *(["y"] if k % 2 else []), *["x*y"] * (k // 2 % 25), *["sin(x)"] * (k // 50)]
-        assert bind(read_expression(" + ".join(terms)), ())(0.0, 0.0)[0] == 0

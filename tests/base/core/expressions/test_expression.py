@@ -19,8 +19,6 @@ from eadp.core.expressions.tree import (
     LENGTH_LIMIT,
     NESTING_LIMIT,
     SIZE_LIMIT,
-    Expression,
-    Symbol,
     constant,
     difference,
     number_text,
@@ -151,18 +149,14 @@ texts = st.recursive(st.one_of(numerals, words), longer_text, max_leaves=12)
         ("-2^2", -4),
         ("2pi", 2 * math.pi),
         ("3(1+1)", 6),
-        ("(1+1)(2+3)", 10),
-        ("sqrt(4)(3)", 6),
         ("2sqrt(49)", 14),
         ("2^3(2)", 16),  # ^ binds tighter than the product that is not written
         ("2^3pi", 8 * math.pi),
         ("12/2pi", 6 * math.pi),  # from left to right, as where it is written
         ("2exp(0)", 2),  # not the start of 2e…
-        ("sqrt (16)", 4),
         ("atan2(1, -1)", 3 * math.pi / 4),
         ("acos(-1)+asin(1)+atan(1)", 1.75 * math.pi),
         ("0^0", 1),
-        (" \t2\n+ 2 ", 4),
     ],
 )
 def test_value_worked_by_hand(text, value):
@@ -175,19 +169,13 @@ def test_value_worked_by_hand(text, value):
         ("", 0),
         ("2 3", 2),
         ("(x)2", 3),
-        ("pi(2)", 0),
         ("x+", 2),
-        ("()", 1),
         ("x,y", 1),
         ("sqrt", 4),
         ("1+sqrt(1,2)", 2),
         ("1+max(x)", 2),
         ("sin(x,)", 6),
-        ("c0", 0),
         ("1 + C1", 4),
-        ("2e", 1),
-        ("x ** * 2", 5),
-        ("x // 2", 3),
         ("１", 0),  # a digit that is none of the ten
         ("4900−c1", 4),  # the minus sign of print
     ],
@@ -285,8 +273,6 @@ def test_numbers_keep_every_digit(value):
         ("1/x/0", "/"),  # the chain's first operator
         ("x + (-8)^(1/3)", "^"),
         ("x + log(0)", "log"),
-        ("x + 0^-1", "^"),
-        ("x - atan2(1, log(0))", "log"),
     ],
 )
 def test_constants_that_are_no_finite_real_number(text, culprit):
@@ -353,13 +339,6 @@ def test_nesting_limit(before, after):
     assert isinstance(expression.names, frozenset)
 
 
-@pytest.mark.parametrize("part", ["-x", "x^2", "x^-2", "(x)", "sqrt(x)"])
-def test_what_stands_beside_a_nesting_does_not_deepen_or_lift_it(part):
-    beside = " + ".join([part] * 200)
-    assert not fails(f"{beside} + {'(' * NESTING_LIMIT}x{')' * NESTING_LIMIT}")
-    assert fails(f"{beside} + {'(' * (NESTING_LIMIT + 1)}x{')' * (NESTING_LIMIT + 1)}")
-
-
 def fails(text):
     try:
         read_expression(text)
@@ -368,22 +347,12 @@ def fails(text):
     return False
 
 
-@pytest.mark.parametrize("text", ["(" * 5000 + ")" * 5000, "(" * 10_000, "-" * 10_000, "sin(" * 2500, "[" * 10_000])
-def test_ten_thousand_brackets(text):
-    assert error_of(text).offset <= 4 * NESTING_LIMIT + 3
-
-
 def test_digits_limit():
     assert read_expression("1" * DIGITS_LIMIT).at() == pytest.approx(1e50 / 9)
     for text in ("x+" + "1" * (DIGITS_LIMIT + 1), "x+0." + "1" * DIGITS_LIMIT, "x+1e" + "0" * DIGITS_LIMIT):
         error = error_of(text)
         assert error.offset == 2
         assert error.expected == f"at most {DIGITS_LIMIT} digits"
-
-
-def test_arguments_of_min_have_a_limit():
-    assert read_expression(f"min({', '.join(['x'] * 64)})").text.count("x") == 64
-    assert error_of(f"min({', '.join(['x'] * 65)})").expected == "2 to 64"
 
 
 # --- nothing is run, nothing but ExpressionError ----------------------------------------------------------------------
@@ -478,12 +447,6 @@ def test_substitution_keeps_offsets_names_and_size():
     assert read_expression(whole.text).node == whole.node
 
 
-def test_less_a_negative_is_written_plus():
-    outer = read_expression("x - left - left", {"left"})
-    assert substituted(outer, {"left": constant(-115.0)}).text == "x + 115 + 115"
-    assert substituted(outer, {"left": constant(35.0)}).text == "x - 35 - 35"
-
-
 def test_substitution_has_a_limit():
     large = read_expression("+".join(["x"] * 4000))
     outer = read_expression("1 + left + left + left + left + left + left", {"left"})
@@ -508,10 +471,8 @@ def test_constants_that_arise_by_substitution_are_checked(text):
         "x - x",
         "sin(c1)^2 + cos(c1)^2 - 1",
         "sqrt(c1^2) - abs(c1)",
-        "2*sqrt(4900 + c1) - sqrt(19600 + 4*c1)",
         "exp(log(2) + c1) - 2*exp(c1)",
         "0.1*x + 0.2*x - 0.3*x",  # exact, where floats leave 5e-17
-        "tan(c1) - sin(c1)/cos(c1)",
         "log(0*x + 1)",
     ],
 )
@@ -535,11 +496,6 @@ def test_a_product_less_its_expansion_is_zero(a, b, c, d, e, f, rest):
     assert is_zero(tree) == (rest == 0)
 
 
-@pytest.mark.parametrize("text", ["x*min(sqrt(-c1^2 - 1), 1)", "max(log(-c1^2), 1)", "min(asin(2 + c1^2), 1)"])
-def test_what_has_a_value_nowhere_is_not_zero(text):
-    assert not is_zero(read_expression(text).node)
-
-
 @given(texts)
 def test_simpler_has_the_same_value(text):
     try:
@@ -560,13 +516,6 @@ def test_what_sympy_says_in_words_of_its_own_is_refused():
     with pytest.raises(ExpressionError):
         from_sympy(sympy.zoo)
     assert from_sympy(sympy.Max(c1, sympy.Abs(c1))).non_smooth in ("max", "abs")
-
-
-def test_an_expression_is_its_tree():
-    one, other = read_expression("x+ 1"), read_expression(" x + 1.0")
-    assert one == other
-    assert hash(one) == hash(other)
-    assert one != Expression(Symbol("x"))
 
 
 def test_an_expression_that_has_been_evaluated_can_be_pickled():

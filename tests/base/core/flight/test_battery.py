@@ -65,10 +65,6 @@ def test_slope_by_differences(voltage, resistance, share):
     assert current_slope_a_per_w(np.array([power]), voltage, resistance).shape == (1,)
 
 
-def test_the_slope_near_the_largest_power_is_limited():
-    assert current_slope_a_per_w(np.array([1095.0, 2000.0]), 14.8, 0.05) == pytest.approx(10 / 14.8)
-
-
 # --- charge -----------------------------------------------------------------------------------------------------------
 
 

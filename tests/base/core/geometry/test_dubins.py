@@ -158,10 +158,7 @@ R = 20.0
         ((0, 0, math.pi), None, 7 / 3 * math.pi * R),
         # an omega: the outer turns' centres are w + 2R apart
         ((0, R, math.pi), "RLR", R * (math.pi + 4 * math.acos(3 / 4))),
-        ((R * math.sin(1), R - R * math.cos(1), 1.0), None, R),  # along one arc
-        ((R * math.sin(6), R - R * math.cos(6), 6.0), None, 6 * R),
         ((-1e-12, 1e-12, -1e-13), None, 0),  # one pose, but for rounding
-        ((120, 1e-12, -1e-13), None, 120),
     ],
 )
 @pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (812.3, -77.7, 0.3), (-3e4, 5e4, 2.9)])
@@ -188,11 +185,6 @@ def test_many_at_once(starts, ends, radius):
 def test_a_radius_that_is_none(radius):
     with pytest.raises(ValueError, match="radius"):
         shortest((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), radius)
-
-
-def test_a_pose_that_is_none():
-    with pytest.raises(ValueError, match="pose"):
-        lengths_m([(0.0, math.nan, 0.0)], [(1.0, 0.0, 0.0)], R)
 
 
 # --- time in wind -----------------------------------------------------------------------------------------------------
@@ -263,9 +255,3 @@ def test_the_way_to_a_point_is_the_shortest_over_all_headings_there(start, point
     best = float(lengths_m([start], ends, radius).min())
     assert length <= best + REACHED_M
     assert length == pytest.approx(best, abs=radius * math.radians(0.5))
-
-
-def test_a_point_within_the_turn_to_one_side_is_reached_by_the_other():
-    (pieces,) = ways_to_point((0.0, 0.0, 0.0), (0.0, 20.0), 20.0)
-    assert pieces[0].turn == -1
-    assert math.dist(pieces[-1].end[:2], (0.0, 20.0)) < REACHED_M

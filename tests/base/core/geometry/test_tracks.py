@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.optimize import brentq
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
@@ -112,17 +111,6 @@ def test_a_curve():
     # ∫ κ ds is the turn
     assert nodes.weights_m @ nodes.curvature_per_m == pytest.approx(math.atan(0.6), abs=1e-6)
     assert len(curve.nodes((0.0, 0.0), 0.0, 0.0).weights_m) == 1
-
-
-@pytest.mark.parametrize("length_m", [0.5, 6.0])
-def test_a_short_part_of_a_curve_has_as_many_nodes(length_m):
-    # the midpoint rule errs by L³ / (24 R² n²) at most: 0.01 m with 6 nodes, 6e-4 m with 24
-    curve = track("y - x^2/10", (30.0, 90.0), -1)
-    nodes = curve.nodes((0.0, 0.0), length_m, 0.0)
-    assert len(nodes.weights_m) == 24
-    x = brentq(lambda at: quad(lambda u: math.hypot(1, u / 5), 0, at)[0] - length_m, 0, length_m)
-    assert nodes.weights_m @ nodes.cosine == pytest.approx(x, abs=7e-4)
-    assert nodes.weights_m @ nodes.sine == pytest.approx(x * x / 10, abs=7e-4)
 
 
 def test_a_curve_that_turns_by_more_than_half_a_circle_has_no_jump():

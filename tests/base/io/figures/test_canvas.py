@@ -7,7 +7,6 @@ from eadp.io.figures.canvas import (
     ROWS,
     draw_ground,
     figure_pair,
-    fit_legend,
     legend_above,
     legend_below,
     write_callouts,
@@ -89,15 +88,6 @@ def test_long_titles_labels_and_legends_are_wrapped(tmp_path, legend, label):
         write_headline(figure, [LONG, LONG])
     check(figure)
     assert axes.yaxis.get_offset_text().get_text() == "1e−9"
-
-
-def test_a_legend_of_a_figure_is_no_wider(tmp_path):
-    with figure_pair(tmp_path / "a", *NARROW, [".png"]) as figure:
-        figure.add_subplot().plot(
-            [0, 1], [[0, 1, 2, 3, 4]] * 2, label=[f"ground covered, {i} m wide" for i in range(5)]
-        )
-        fit_legend(figure, 6, loc="outside lower center")
-    check(figure)
 
 
 def test_a_name_may_hold_any_character(tmp_path):

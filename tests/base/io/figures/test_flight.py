@@ -1,6 +1,5 @@
 """The pictures of a flight: its own, and the letter's figures of it."""
 
-import itertools
 from contextlib import contextmanager
 
 import numpy as np
@@ -10,11 +9,9 @@ from matplotlib.figure import Figure
 
 import eadp
 from eadp.io.figures import plan as flight_figure
-from eadp.io.figures.canvas import COLOURS, fit_legend, stage_style
-from eadp.io.figures.plan import _draw_decisions, _draw_parameters, _draw_path
+from eadp.io.figures.plan import _draw_parameters, _draw_path
 from eadp.papers import figures as paper
 from eadp.papers.figures import write_paper_figure
-from eadp.planning.base import DecisionRecord
 
 PLAN = ROOT / "plans/survey.plan"
 
@@ -80,22 +77,6 @@ def test_the_letters_panels(monkeypatch, flight):
     assert period[np.argmax(r2)] == pytest.approx(period_s, rel=0.05)
 
 
-def test_forecasts_start_at_their_reading_and_do_not_overlap(monkeypatch, flight):
-    axes = drawn(monkeypatch, flight)["Detail: the first periods"]
-    forecasts = [line for line in axes.lines if line.get_color() == "black" and len(line.get_xdata()) > 1]
-    ends = [(line.get_xdata()[0], line.get_xdata()[-1]) for line in forecasts]
-    assert len(ends) > 3
-    assert all(end <= start + 0.1 for (_, end), (start, _) in itertools.pairwise(ends))
-    one = next(one for one in flight.estimates if one.time_s == ends[-1][0])
-    assert forecasts[-1].get_ydata()[-1] == pytest.approx(one.forecast_w(np.array([one.horizon_s]))[0])
-
-
-def test_an_estimator_without_harmonics_has_its_figures(monkeypatch):
-    overrides = {"time_limit_s": 20, "estimator.order": 0}
-    panels = drawn(monkeypatch, eadp.simulate(PLAN, ROOT / "scenarios/survey.yaml", overrides=overrides))
-    assert [text.get_text() for text in panels["State q: harmonics"].texts] == ["no harmonics"]
-
-
 @pytest.mark.parametrize("overrides", [{}, {"time_limit_s": 0.05}])
 def test_a_flight_without_a_period_has_its_figures(tmp_path, monkeypatch, overrides):
     plan = tmp_path / "line.plan"
@@ -132,24 +113,6 @@ def test_altitudes_that_stages_command_are_drawn(tmp_path, monkeypatch, headers,
         assert np.array_equal(axes["Altitude"].lines[0].get_ydata(), flight.columns["altitude_m"])
 
 
-def legend(axes):
-    fit_legend(axes, 4)
-    return [text.get_text() for text in axes.get_legend().get_texts()]
-
-
-def test_many_stages_are_named_by_their_kind(tmp_path):
-    stages = "".join(f"0.1; 90; y - {40 * i + i**3}\n{100 * i}, {40 * i + i**3}\n" for i in range(12))
-    plan = tmp_path / "lines.plan"
-    plan.write_text(stages)
-    flown = eadp.simulate(plan, overrides={"time_limit_s": 60, "step_s": 0.05})
-    axes = Figure().add_subplot()
-    _draw_path(axes, flown.inputs.world, flown.steps)
-    assert legend(axes) == ["lines", "start", "final point", "end of the flight"]
-    assert len({line.get_color() for line in axes.lines if line.get_linewidth() == 1.2}) == 1
-    few = eadp.read_plan(PLAN).stages
-    assert stage_style(few, 1) == (COLOURS[0], "stage 1 (circle)")
-
-
 def test_the_path_is_drawn_with_the_wind(flight):
     axes = Figure().add_subplot()
     _draw_path(axes, flight.inputs.world, flight.steps)
@@ -160,18 +123,3 @@ def test_the_path_is_drawn_with_the_wind(flight):
     along = np.subtract(arrow.xy, arrow.xyann)
     wind = np.array(flight.inputs.world.wind.steady_mps)
     assert along / np.hypot(*along) == pytest.approx(wind / np.hypot(*wind), abs=1e-6)
-
-
-def test_a_time_without_a_feasible_solution_is_in_the_legend(flight):
-    times = [1 + t / 10 for t in range(39)]
-    parameters = [(-float(i), 2.0) for i in range(39)]
-    status = ["infeasible" if 10 <= i < 14 else "solved" for i in range(39)]
-    records = [
-        DecisionRecord(t, "time", 1, 0, values, state, 0, 0, None, "")
-        for t, values, state in zip(times, parameters, status, strict=True)
-    ]
-    path, lower = Figure().subplots(1, 2)
-    _draw_decisions(path, lower, flight.steps, records)
-    assert legend(lower) == ["nothing was feasible"]
-    (marks,) = path.lines
-    assert (len(marks.get_xdata()), marks.get_label()) == (39, "decision")

@@ -28,16 +28,3 @@ def test_every_lap_has_its_range(text, parameters):
         if leg.lap and leg.stage.kind == "circle":
             far_m = [np.hypot(points[:, 0] - leg.end_m[0], points[:, 1] - leg.end_m[1]).min() for points in outlines]
             assert areas[np.array(far_m) < 1].sum() > 100, f"lap {leg.lap}"
-
-
-def test_the_range_of_a_line_is_that_of_the_shift():
-    """The lines of lap 1 lie 10 m from those of lap 0 at c1 = 0, and 150 − 2 √3900 m at c1 = −1000."""
-    areas, _ = filled(SURVEY, (0.0, 10.0))
-    line = (150 - 2 * np.sqrt(3900) - 10) * 157  # from y = 146 to −11, four strips
-    strips = [area for area in areas if abs(area - line / 4) < 0.15 * line / 4]
-    assert len(strips) >= 4
-
-
-def test_a_plan_without_a_free_path_parameter_has_no_range():
-    assert len(filled("0.1; 90; x\n0, 400\n[2, 10]\n", (10.0,))[0]) == 0
-    assert len(filled("0.1; 90; x\n0, 400\n", ())[0]) == 0

@@ -55,19 +55,6 @@ def test_share_is_where_a_value_lies_between_the_bounds(box, part):
 # --- stages -----------------------------------------------------------------------------------------------------------
 
 
-def test_sense_and_kind():
-    assert (stage(rotation=90).sense, stage(rotation=270).sense) == (1, -1)
-    assert stage(path="x^2 + y^2 - c1").kind == "circle"
-    assert stage(path="x - c1").kind == "line"
-    assert stage(path="y - sin(x)").kind == "curve"
-
-
-def test_path_and_trigger_at_parameters():
-    one = stage(path="(x - c1)^2 + y^2 - 25", trigger="c1 + 5, c2")
-    assert one.path_at((3.0, 7.0))(8, 0)[0] == 0
-    assert one.trigger_at((3.0, 7.0)) == (8, 7)
-
-
 def test_what_has_no_value_names_its_stage():
     bad = stage(3, path="x - sqrt(4900 + c1)", trigger="0, log(c1)")
     with pytest.raises(PathUndefined, match=r"^the path of stage 3 x - sqrt\(4900 \+ c1\) has no finite"):

@@ -96,13 +96,6 @@ def test_laps_that_differ_in_gain_or_sets_are_not_flown_as_laps():
     assert not found.whole_laps
 
 
-def test_a_header_that_disagrees_in_both_signs_is_a_finding():
-    for header, expected in (("-10, -1", 0), ("10, 1", 0), ("10, -1", 1), ("-9, -1", 1)):
-        lines = header + "\n" + "".join(f"0.1; 90; x - {10 * k}\n{10 * k}, {100 + k}\n" for k in range(3))
-        codes = [finding.code for finding in plan(lines)[1]]
-        assert codes == ["header-shift"] * expected
-
-
 def test_found_laps_are_flown_as_laps_to_the_last_trigger():
     flown = plan(survey(3))[0].laps()
     assert flown.repeats

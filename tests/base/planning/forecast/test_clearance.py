@@ -1,11 +1,9 @@
 """The probability of entering an obstacle, beside the share of flights that do."""
 
-import numpy as np
 import pytest
 from common import few_rows
 
 from eadp.api.inputs import load_flight
-from eadp.core.geometry.polygons import holding, near_edges
 from eadp.simulation.loop import Outcome, fly
 
 PLAN = """%: trigger-radius 10
@@ -108,12 +106,3 @@ def test_a_boundary_that_is_left(tmp_path):
     calm = inputs(tmp_path, 60, 500, inside).preflight().entering
     windy = inputs(tmp_path, 60, 500, inside, wind__speed_mps=8.0).preflight().entering
     assert (calm, windy) == ({}, {"the boundary": 1.0})
-
-
-def test_edges_that_are_near_and_what_holds_a_point():
-    box = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
-    far = tuple((x + 100, y) for x, y in box)
-    points = np.array([(5.0, 5.0), (13.0, 14.0), (104.0, 9.0)])  # 5 m within, 5 m off a corner, 1 m within the other
-    for distance_m, pairs in ((5.01, {(0, 0), (1, 0), (2, 1)}), (4.99, {(2, 1)}), (0.5, set())):
-        assert set(zip(*(each.tolist() for each in near_edges([box, far], points, distance_m)), strict=True)) == pairs
-    assert holding([box, far], points).tolist() == [[True, False, False], [False, False, True]]

@@ -169,12 +169,6 @@ def test_a_short_battery_slows_the_flight_instead_of_widening_its_lines():
     assert any("airspeed 15 → " in record.reason for record in slowed.records)
 
 
-def test_without_a_range_nothing_is_decided():
-    fixed = outcome(**PACK)
-    same = outcome(**PACK, **{"planner.joint.airspeed": "when-short"})
-    assert [record[:-1] for record in same.records] == [record[:-1] for record in fixed.records]
-
-
 def test_the_forecast_is_of_the_speed_that_is_flown():
     slow = {**SLOW, "planner.joint.airspeed": "least-energy", "battery.capacity_ah": 2.0}
     expected, ended = survey_inputs(**CALM, **slow).preflight(), outcome(**slow)

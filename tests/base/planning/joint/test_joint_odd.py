@@ -50,15 +50,6 @@ def test_below_the_reserve_the_lowest_configuration_is_flown(soc):
     assert decisions[-1].record.status == "infeasible"
 
 
-@pytest.mark.parametrize(
-    "battery", [Battery(14.8, 0.0, 3.2, letter_crate_per_h=100.0), Battery(14.8, 0.05, 3.2, 1 / 3600)]
-)
-def test_no_resistance_is_a_battery_like_any_other(battery):
-    record = up_a_line(planner_for(plan_of(LINE), (10.0,), battery=battery), (10.0,), 1500)[-1].record
-    assert 0 <= record.ending.soc_end <= PLENTY
-    assert record.time_s + record.ending.remaining_s == pytest.approx(1800 / SPEED_MPS, abs=1)
-
-
 def test_a_wind_stronger_than_the_airspeed_is_said():
     plan = plan_of(LINE)
     pilot = planner_for(plan, (10.0,))

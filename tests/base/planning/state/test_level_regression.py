@@ -58,14 +58,6 @@ def test_false_alarms_are_as_rare_as_stated():
     assert sum(flown(np.random.default_rng(seed), 600)._state.regression.steps for seed in range(60)) <= 1
 
 
-def test_a_single_wild_window_is_no_step():
-    rng = np.random.default_rng(2)
-    motion = flown(rng, 300)
-    flown(rng, 5, 1.5 * LEVEL_W, motion)
-    flown(rng, 300, LEVEL_W, motion)
-    assert motion.known().level_w == pytest.approx(LEVEL_W, rel=0.04)
-
-
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
 def test_the_power_of_a_climb_is_a_term_of_its_own(compiled_code):
     rng, count = np.random.default_rng(1), 60
@@ -87,11 +79,6 @@ def test_the_power_of_a_climb_is_a_term_of_its_own(compiled_code):
     fit = motion._state.regression.fit
     found = [[fit.aa, fit.ab, fit.ac], [fit.ab, fit.bb, fit.bc], [fit.ac, fit.bc, fit.cc]]
     assert np.array(found) == pytest.approx(covariance, rel=1e-6)
-
-
-def test_without_climbs_the_prior_of_a_climb_stays():
-    motion = flown(np.random.default_rng(0), 100, motion=MotionPower(LEVEL_W, FixedWing(), climb_j_per_m=37.3))
-    assert motion.known().climb_j_per_m == 37.3
 
 
 def test_the_size_of_a_step_is_known():

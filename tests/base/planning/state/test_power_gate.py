@@ -89,8 +89,6 @@ def undisturbed():
         pytest.param(lambda t, power_w: 1e5 if 60 < t < 60.11 else power_w, id="one"),
         pytest.param(lambda t, power_w: 1e5 if 60 < t < 90 else power_w, id="a train"),
         pytest.param(lambda t, power_w: 6000.0 if 10 < t < 12 else power_w, id="a peak before the first lap"),
-        pytest.param(lambda t, power_w: -50.0 if 60 < t < 70 else power_w, id="negative"),
-        pytest.param(lambda t, power_w: math.nan if 60 < t < 70 else power_w, id="not a number"),
     ],
 )
 def test_false_readings_of_power_cost_no_quality(undisturbed, false_w):
