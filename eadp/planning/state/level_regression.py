@@ -219,8 +219,7 @@ def _fitted(sums: Sums, prior: Prior, before: Fit, lasting: float) -> Fit:
     left = sums.products[:3, 3] - xx @ prior.mean
 
     def covariance_by(noise: float) -> FloatArray:
-        inverse: FloatArray = np.linalg.inv(information + xx / (noise * lasting))
-        return inverse
+        return np.asarray(np.linalg.inv(information + xx / (noise * lasting)), dtype=float)
 
     for _ in range(PASSES):
         # (P⁻¹ + XᵀX/v) (θ − prior) = Xᵀ(y − X prior)/v, with P the prior covariance and v the noise
