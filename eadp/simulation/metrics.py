@@ -36,8 +36,6 @@ class ParameterRecord:
     ----------
     first, last : float
         First and last value.
-    integral : float
-        Time integral of its values.
     changes : int
     history : list of (float, float)
         Time [s] and value of each change.
@@ -45,7 +43,6 @@ class ParameterRecord:
 
     first: float
     last: float
-    integral: float = 0.0
     changes: int = 0
     history: list[tuple[float, float]] = field(default_factory=list)
 
@@ -128,23 +125,17 @@ class ParameterLog:
         self._since_s = time_s
         self.computing_j += self._computing_w * duration
         for i, value in enumerate(self._values):
-            self.records[i].integral += value * duration
             share = self._sets[i].share(value) if self._sets else None
             if share is not None:
                 self._share_integral[i] += share * duration
                 self._share_time_s[i] += duration
 
-    def mean_shown(self, index: int, shown: Callable[[float], float]) -> float:
-        """Time average of a parameter as people read it, to which `shown` converts a value."""
+    def mean(self, index: int, shown: Callable[[float], float] = float) -> float:
+        """Time average of a parameter, or of what `shown` converts its values to."""
         record, end_s = self.records[index], self._since_s
         times_s, values = zip((0.0, record.first), *record.history, strict=True)
         spans_s = np.diff([*times_s, end_s])
         return float(spans_s @ [*map(shown, values)] / end_s) if end_s else shown(record.first)
-
-    def mean(self, index: int) -> float:
-        """Time average of a parameter."""
-        record = self.records[index]
-        return record.integral / self._since_s if self._since_s > 0 else record.first
 
     def mean_share(self, index: int) -> float | None:
         """Time average of c̃, the share of its set that a parameter has; None if that never had more than one value."""
