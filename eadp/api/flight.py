@@ -68,7 +68,7 @@ def summarise(
             "mean": log.mean(i),
             "first": record.first,
             "last": record.last,
-            "changes": record.changes,
+            "changes": len(record.history),
         }
         if parameter.kind == PATH:
             parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]

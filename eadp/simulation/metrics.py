@@ -30,21 +30,15 @@ class FlightTotals:
 
 @dataclass
 class ParameterRecord:
-    """A parameter over a flight.
-
-    Attributes
-    ----------
-    first, last : float
-        First and last value.
-    changes : int
-    history : list of (float, float)
-        Time [s] and value of each change.
-    """
+    """A parameter over a flight: its first value, and the time [s] and value of each change."""
 
     first: float
-    last: float
-    changes: int = 0
     history: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def last(self) -> float:
+        """Its last value."""
+        return self.history[-1][1] if self.history else self.first
 
 
 class _Event(NamedTuple):
@@ -83,7 +77,7 @@ class ParameterLog:
         self._since_s = 0.0  # the time up to which integrals are [s]; from there on these are in force:
         self._computing_w = computing_w
         self._values, self._sets = cursor.parameters, plan.quality_sets[cursor.stage.index - 1]
-        self.records = [ParameterRecord(value, value) for value in self._values]
+        self.records = [ParameterRecord(value) for value in self._values]
         # of each parameter: time integral of c̃, its share of its set, and the time in which it had a choice [s]
         self._share_integral = [0.0] * len(self._values)
         self._share_time_s = [0.0] * len(self._values)
@@ -114,8 +108,6 @@ class ParameterLog:
         self._advance(time_s)
         for record, old, new in zip(self.records, self._values, parameters, strict=True):
             if new != old:
-                record.changes += 1
-                record.last = new
                 record.history.append((round(time_s, 6), new))
         self._values, self._sets, self._computing_w = parameters, sets, computing_w
 
