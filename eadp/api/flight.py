@@ -68,7 +68,7 @@ def summarise(
             "mean": log.mean(i),
             "first": record.first,
             "last": record.last,
-            "changes": record.changes,
+            "changes": len(record.history),
         }
         if parameter.kind == PATH:
             parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]
@@ -76,7 +76,7 @@ def summarise(
             parameters[parameter.name] |= {"title": parameter.title, "unit": parameter.unit}
         if parameter.stands_for is not None:
             parameters[parameter.name]["shown"] = {
-                "mean": log.mean_shown(i, parameter.shown),
+                "mean": log.mean(i, parameter.shown),
                 "first": parameter.shown(record.first),
                 "last": parameter.shown(record.last),
             }
@@ -145,7 +145,7 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     assert log is not None
     computing_w = log.computing_j / duration_s
     motion_w = outcome.totals.energy_j / duration_s - computing_w
-    means = {name: log.records[i].integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
+    means = {name: log.mean(i) for i, name in enumerate(world.plan.names) if i >= rho}
     low, high = (world.computing.extreme(world.plan, end) for end in ("lo", "hi"))
 
     def endurance(own_w: float, values: dict[str, float]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import itertools
 import math
 from collections import Counter
@@ -101,7 +102,8 @@ class _Flight:
             np.random.default_rng(world.seed),
         )
         self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
-        self._losses = _Losses(world, self._bridge.late)
+        self._drops = _losses(world)
+        self._loss_steps = list(self._drops)
         computing_w = world.computing_w(executor.parameters, executor.stage)
         self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, computing_w)
         outcome.parameters = self._log
@@ -124,8 +126,9 @@ class _Flight:
         while reason is None and self._k < end:
             self._k, events = inner_loop.run(self._k, self._next_stop(end))
             k, failed = self._k, events & (LOST | EMPTY | SAGS)
-            # whether the planner is updated at step k
-            due = (k >= self._next_update or self._losses.measured_at(k)) and not self._returning and not failed
+            # whether the planner is updated at step k: it is due, or a loss is measured
+            measures = k - bridge.late in self._drops
+            due = (k >= self._next_update or measures) and not self._returning and not failed
             # where an update is due, the readings of step k are part of its observation, and the row of step k has what
             # is estimated after it: both wait
             before = k - 1 if due else k
@@ -159,13 +162,14 @@ class _Flight:
 
         At that step the planner, a loss, its measurement or another wind is due, or the flight ends.
         """
-        self._losses.go_on(self._k)
-        self._inner_loop.set_loss(*self._losses.next)
-        stop, wind = min(end, self._next_update, self._losses.stop), self._world.wind
+        k, steps, late = self._k, self._loss_steps, self._bridge.late
+        loss, measured = steps[bisect.bisect(steps, k)], steps[bisect.bisect(steps, k - late)] + late
+        self._inner_loop.set_loss(loss, self._drops[loss])
+        stop, wind = min(end, self._next_update, loss, measured), self._world.wind
         if wind.profile:
             step_s = self._world.clock.step_s
-            self._inner_loop.set_wind(wind.steady_at_mps(self._k * step_s))
-            stop = min(stop, self._k + max(1, round(WIND_S / step_s)))
+            self._inner_loop.set_wind(wind.steady_at_mps(k * step_s))
+            stop = min(stop, k + max(1, round(WIND_S / step_s)))
         return stop
 
     def _pose(self) -> Pose:
@@ -390,48 +394,17 @@ def log_every_s(world: World) -> float:
     return min(every_s, TRACK_S) if any(world.plan.site.airspace) else every_s
 
 
-class _Losses:
-    """Sudden losses of charge: at each the planner is updated, and again where it is measured, `late` steps after it.
+def _losses(world: World) -> dict[int, float]:
+    """Amounts of sudden losses of charge by their steps, in order; the last is beyond the end of any flight.
 
     A charge that is replayed has a loss where two of its points have one time: its amount is 0 here, as it is in the
     charge that is replayed.
     """
-
-    def __init__(self, world: World, late: int) -> None:
-        # two stacks, with the next one last; neither gets empty, as no flight reaches the step of the first
-        self._steps = _losses(world)
-        self._measured = [step + late for step, _ in self._steps]
-
-    @property
-    def next(self) -> tuple[int, float]:
-        """Step and amount of the next loss."""
-        return self._steps[-1]
-
-    @property
-    def stop(self) -> int:
-        """The step of the next loss, or at which one is measured next."""
-        return min(self._steps[-1][0], self._measured[-1])
-
-    def measured_at(self, step: int) -> bool:
-        """Whether a loss is measured at a step."""
-        return step == self._measured[-1]
-
-    def go_on(self, step: int) -> None:
-        """Leave behind what has happened by a step."""
-        if step >= self._steps[-1][0]:
-            self._steps.pop()
-        if step >= self._measured[-1]:
-            self._measured.pop()
-
-
-def _losses(world: World) -> list[tuple[int, float]]:
-    """Steps of the losses, and their amounts; the last first, after an entry beyond the end of any flight."""
     drops = [(fault.at_s, fault.soc_drop) for fault in world.faults]
     if world.battery.prescribed:
-        points = world.battery.prescribed
-        drops = [(t, 0.0) for (t, _), (after, _) in itertools.pairwise(points) if t == after]
-    losses = {MAX_STEPS: 0.0}
+        drops = [(t, 0.0) for (t, _), (after, _) in itertools.pairwise(world.battery.prescribed) if t == after]
+    losses: dict[int, float] = {}
     for at_s, drop in sorted(drops):
         step = step_at(at_s, world.clock.step_s, MAX_STEPS)
         losses[step] = losses.get(step, 0.0) + drop
-    return sorted(losses.items(), reverse=True)
+    return {**losses, MAX_STEPS: 0.0}

@@ -30,24 +30,15 @@ class FlightTotals:
 
 @dataclass
 class ParameterRecord:
-    """A parameter over a flight.
-
-    Attributes
-    ----------
-    first, last : float
-        First and last value.
-    integral : float
-        Time integral of its values.
-    changes : int
-    history : list of (float, float)
-        Time [s] and value of each change.
-    """
+    """A parameter over a flight: its first value, and the time [s] and value of each change."""
 
     first: float
-    last: float
-    integral: float = 0.0
-    changes: int = 0
     history: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def last(self) -> float:
+        """Its last value."""
+        return self.history[-1][1] if self.history else self.first
 
 
 class _Event(NamedTuple):
@@ -86,7 +77,7 @@ class ParameterLog:
         self._since_s = 0.0  # the time up to which integrals are [s]; from there on these are in force:
         self._computing_w = computing_w
         self._values, self._sets = cursor.parameters, plan.quality_sets[cursor.stage.index - 1]
-        self.records = [ParameterRecord(value, value) for value in self._values]
+        self.records = [ParameterRecord(value) for value in self._values]
         # of each parameter: time integral of c̃, its share of its set, and the time in which it had a choice [s]
         self._share_integral = [0.0] * len(self._values)
         self._share_time_s = [0.0] * len(self._values)
@@ -117,8 +108,6 @@ class ParameterLog:
         self._advance(time_s)
         for record, old, new in zip(self.records, self._values, parameters, strict=True):
             if new != old:
-                record.changes += 1
-                record.last = new
                 record.history.append((round(time_s, 6), new))
         self._values, self._sets, self._computing_w = parameters, sets, computing_w
 
@@ -128,23 +117,17 @@ class ParameterLog:
         self._since_s = time_s
         self.computing_j += self._computing_w * duration
         for i, value in enumerate(self._values):
-            self.records[i].integral += value * duration
             share = self._sets[i].share(value) if self._sets else None
             if share is not None:
                 self._share_integral[i] += share * duration
                 self._share_time_s[i] += duration
 
-    def mean_shown(self, index: int, shown: Callable[[float], float]) -> float:
-        """Time average of a parameter as people read it, to which `shown` converts a value."""
+    def mean(self, index: int, shown: Callable[[float], float] = float) -> float:
+        """Time average of a parameter, or of what `shown` converts its values to."""
         record, end_s = self.records[index], self._since_s
         times_s, values = zip((0.0, record.first), *record.history, strict=True)
         spans_s = np.diff([*times_s, end_s])
         return float(spans_s @ [*map(shown, values)] / end_s) if end_s else shown(record.first)
-
-    def mean(self, index: int) -> float:
-        """Time average of a parameter."""
-        record = self.records[index]
-        return record.integral / self._since_s if self._since_s > 0 else record.first
 
     def mean_share(self, index: int) -> float | None:
         """Time average of c̃, the share of its set that a parameter has; None if that never had more than one value."""

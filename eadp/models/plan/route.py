@@ -85,22 +85,18 @@ class LegTable:
         no_sets = (Box(0.0, 0.0),) * len(plan.names)
         self._sets = [[(box.lo, box.hi - box.lo) for box in own or no_sets] for own in plan.quality_sets]
         self._nodes: list[Nodes] = []
-        self._numbers: dict[tuple[int, int, Vector], int] = {}
         self._contents: dict[object, int] = {}
         self._alike: list[int] = []
         none, nothing = np.zeros(0), np.zeros((0, len(plan.names)))
         zero = np.zeros(1, dtype=np.intp)
         self._rows = LegRows(Nodes(none, none, none, none), zero, none, none, zero[1:], nothing, none, np.zeros((0, 2)))
 
-    def row(self, stage: Stage, parameters: Vector, nodes: Nodes) -> int:
-        """The row of a leg; a new one for what is not in the table yet."""
-        key = stage.index, id(nodes), parameters
-        number = self._numbers.setdefault(key, len(self.stages))
-        if number == len(self.stages):
-            self.stages.append(stage)
-            self.parameters.append(parameters)
-            self._nodes.append(nodes)
-        return number
+    def add(self, stage: Stage, parameters: Vector, nodes: Nodes) -> int:
+        """Add the row of a leg; return its number."""
+        self.stages.append(stage)
+        self.parameters.append(parameters)
+        self._nodes.append(nodes)
+        return len(self.stages) - 1
 
     @property
     def rows(self) -> LegRows:
@@ -360,7 +356,7 @@ class RoutePredictor:
                     (ox, oy), (x, y) = cut.offset_m, cut.start_m
                     share = cut.distance_m / cut.length_m if cut.length_m else 1.0
                     nodes = cut.track.nodes((x - ox, y - oy), cut.distance_m, share)
-                    flown.append((cursor, cut, self._rows(cursor).row(cut.stage, cursor.parameters, nodes)))
+                    flown.append((cursor, cut, self._rows(cursor).add(cut.stage, cursor.parameters, nodes)))
                     beyond_m = cut.length_m - cut.distance_m + self._rest_m(cursor, leg.end_m)
                     return self._route(flown, beyond_m)
             flown.append((cursor, leg, number))
@@ -416,7 +412,7 @@ class RoutePredictor:
         shape = self._shape(cursor, (start[0] - ox, start[1] - oy))
         goal = (shape.end[0] + ox, shape.end[1] + oy)
         leg = Leg(cursor.lap, stage, shape.track, cursor.offset_m, start, goal, shape.length_m)
-        return leg, self._rows(cursor).row(stage, cursor.parameters, shape.nodes)
+        return leg, shape.row
 
     def _shape(self, cursor: PlanCursor, start: Point) -> _Shape:
         """A leg in the frame of lap 0."""
@@ -428,7 +424,8 @@ class RoutePredictor:
             length_m = abs(track.ahead_m(start))
             if not math.isfinite(length_m):
                 raise PathUndefined(f"the path of stage {stage.index} does not lead to its trigger")
-            self._shapes[key] = _Shape(track, trigger, length_m, track.nodes(start, length_m, 1.0))
+            row = self._rows(cursor).add(stage, cursor.parameters, track.nodes(start, length_m, 1.0))
+            self._shapes[key] = _Shape(track, trigger, length_m, row)
         return self._shapes[key]
 
 
@@ -476,7 +473,7 @@ class _Shape(NamedTuple):
     track: Track
     end: Point
     length_m: float
-    nodes: Nodes
+    row: int
 
 
 class RouteArrays(NamedTuple):

@@ -7,12 +7,12 @@ faster than it can. It is flown many times at once, each with gusts of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import BoolArray, FloatArray
+from eadp.core.arrays import FloatArray
 from eadp.core.flight import ground_speeds_mps
 from eadp.core.geometry.curves import LINE, Point
 from eadp.models.airspace import BOUNDARY, HOME_RADII, Airspace, WayHome
@@ -26,8 +26,8 @@ FLIGHTS = 200
 """Flights with gusts of their own."""
 STEP_M = 2.0
 """Greatest distance between the points of a path [m]."""
-NEAR_RADII, LEAD_M = 4.0, 300.0
-"""Points within so many turning radii of an obstacle count, and are flown to from so far before [m]."""
+NEAR_RADII = 4.0
+"""Points within so many turning radii of an obstacle count."""
 
 
 def entering(
@@ -77,43 +77,38 @@ def entering(
     edges = [*(each.outline for each in airspace.obstacles), *airspace.boundary]
     if not edges:
         return {}
-    places, areas = near_edges(edges, at_m, NEAR_RADII * airframe.turn_radius_m)
+    places, areas = map(np.unique, near_edges(edges, at_m, NEAR_RADII * airframe.turn_radius_m))
     if not len(places):
         return {}
-    near = np.zeros(len(at_m), dtype=bool)
-    near[places] = True
-    obstacles = [airspace.obstacles[i] for i in np.unique(areas).tolist() if i < len(airspace.obstacles)]
-    outlines = [each.outline for each in obstacles]
+    obstacles = [airspace.obstacles[i] for i in areas.tolist() if i < len(airspace.obstacles)]
     tops_m = np.array([np.inf if each.height_m is None else each.height_m for each in obstacles])
-    through = _flown_through(steps_m, near)
-    # which flights have entered each obstacle, and left the boundary
-    entered = np.zeros((len(outlines) + bool(airspace.boundary), FLIGHTS), dtype=bool)
-    for i, off_m in _flights(of_points, at_m, courses, steps_m, through, airframe, guidance, wind_mps, gusts):
-        if near[i]:
-            there_m = at_m[i] + off_m[:, None] * (-math.sin(courses[i]), math.cos(courses[i]))
-            entered[: len(outlines)] |= holding(outlines, there_m) & (tops_m > altitudes_m[i])[:, None]
-            if airspace.boundary:
-                entered[-1] |= ~holding(airspace.boundary, there_m).any(axis=0)
+    off_m = _beside_m(of_points, at_m, courses, steps_m, airframe, guidance, wind_mps, gusts)[places]
+    left = np.column_stack((-np.sin(courses[places]), np.cos(courses[places])))
+    there_m = (at_m[places][:, None] + off_m[:, :, None] * left[:, None]).reshape(-1, 2)
+    # which flights have entered each obstacle, and left the boundary, at which points
+    below = (tops_m[:, None] > altitudes_m[places])[:, :, None]
+    within = [*(holding([each.outline for each in obstacles], there_m).reshape(len(obstacles), *off_m.shape) & below)]
+    if airspace.boundary:
+        within.append(~holding(airspace.boundary, there_m).any(axis=0).reshape(off_m.shape))
+    shares = [float(each.any(axis=0).mean()) for each in within]
     names = [*(each.name for each in obstacles), BOUNDARY]
-    return {name: share for name, share in zip(names, entered.mean(axis=1).tolist(), strict=False) if share}
+    return {name: share for name, share in zip(names, shares, strict=False) if share}
 
 
-def _flights(
+def _beside_m(
     legs: Sequence[Leg],
     at_m: FloatArray,
     courses: FloatArray,
     steps_m: FloatArray,
-    through: BoolArray,
     airframe: Airframe,
     guidance: Guidance,
     wind_mps: Point,
     gusts: tuple[float, float],
-) -> Iterator[tuple[int, FloatArray]]:
-    """Fly along a path `FLIGHTS` times at once; yield each point flown `through`, by number, and the errors.
+) -> FloatArray:
+    """Fly along a path `FLIGHTS` times at once: how far each is to the left of each point, shape (n, FLIGHTS) [m].
 
-    The errors, shape (FLIGHTS,), are how far each flight is to the left of the point [m]. `legs`
-    are those of the points at `at_m` [m], `courses` the path's [rad], `steps_m` the distances from the points before
-    [m], of n each; the rest is as in `entering`.
+    `legs` are those of the points at `at_m` [m], `courses` the path's [rad], `steps_m` the distances from the points
+    before [m], of n each; the rest is as in `entering`.
     """
     # ground speed, and the greatest turn rate of the course [rad/s]
     speed = airframe.airspeed_mps
@@ -125,17 +120,10 @@ def _flights(
     rng, (gust_mps, gust_s) = np.random.default_rng(0), gusts
     # of each flight: gust [m/s], and how far it is beside the path [m] and off its course [rad], left positive
     gust = rng.standard_normal((2, FLIGHTS)) * gust_mps
-    off_m, off_rad = np.zeros(FLIGHTS), np.zeros(FLIGHTS)
-    before = None  # the leg of the point before
-    for i in np.flatnonzero(through).tolist():
-        leg, course = legs[i], courses[i]
+    off_m, off_rad = np.zeros((len(legs), FLIGHTS)), np.zeros(FLIGHTS)
+    for i, (leg, course) in enumerate(zip(legs, courses.tolist(), strict=True)):
         # by how much the path has turned since the point before: in a curve along a leg, or in a corner between two
-        turned = course - courses[i - 1] if i and before is not None else 0.0
-        along_leg = leg is before
-        if i == 0 or not through[i - 1]:  # a new stretch: all flights start on the path
-            off_m[:], off_rad[:] = 0.0, 0.0
-            turned, along_leg = 0.0, True
-        before = leg
+        turned = course - courses[i - 1] if i else 0.0
         # the step from the point before: the gusts, the guidance's turn rate, and where the flights are then
         step_s = steps_m[i] / ground_mps[i]
         # Ornstein-Uhlenbeck: g ← ρ g + √(1 − ρ²) σ n, with ρ = e^(−Δt/τ)
@@ -143,25 +131,13 @@ def _flights(
         gust = keep * gust + math.sqrt(1 - keep * keep) * gust_mps * rng.standard_normal((2, FLIGHTS))
         across_mps = gust[1] * math.cos(course) - gust[0] * math.sin(course)
         # χ̇ = χ̇_path − k_d (Δχ + v_⊥/v + arctan(k e)); e ← e + (v sin Δχ + v_⊥) Δt
-        curving = turned / step_s if along_leg and step_s > 0 else 0.0
+        curving = turned / step_s if leg is legs[i - 1] and step_s > 0 else 0.0
         gain = guidance.gain_per_m if guidance.normalised else _gain_per_m(leg, *at_m[i].tolist())
-        wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * off_m))
+        beside_m = off_m[max(i - 1, 0)]
+        wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * beside_m))
         off_rad = off_rad + np.clip(wanted, -greatest[i], greatest[i]) * step_s - turned
-        off_m = off_m + (ground_mps[i] * np.sin(off_rad) + across_mps) * step_s
-        yield i, off_m
-
-
-def _flown_through(steps_m: FloatArray, near: BoolArray) -> BoolArray:
-    """Which points of a path are flown through: those with a point that is `near` at most `LEAD_M` ahead, shape (n,).
-
-    `steps_m` are the distances from the points before [m], shape (n,).
-    """
-    flown_m = np.cumsum(steps_m)
-    ahead_m = flown_m[np.minimum(np.searchsorted(flown_m, flown_m + LEAD_M), len(flown_m) - 1)]
-    # numbers of near points before each point, and up to LEAD_M ahead of it: they differ where one lies between
-    counts = np.concatenate(([0], np.cumsum(near)))
-    through: BoolArray = counts[np.searchsorted(flown_m, ahead_m, side="right")] > counts[: len(near)]
-    return through
+        off_m[i] = beside_m + (ground_mps[i] * np.sin(off_rad) + across_mps) * step_s
+    return off_m
 
 
 def _gain_per_m(leg: Leg, x_m: float, y_m: float) -> float:

@@ -360,10 +360,10 @@ class JointPlanner(Planner):
             choice = self._computations(o, plan)
             self._next_s = min(self._next_s, o.time_s + choice.lasts_s)
             if choice.falls:
-                self._policy.note_fall(o.time_s)
+                self._policy.fell_s = o.time_s
             chosen = (*chosen[:rho], *choice.computations)
         if chosen[:rho] != before[:rho]:
-            self._policy.count_path_change()
+            self._policy.path_changes += 1
         return chosen
 
     def _computations(self, o: Observation, plan: Candidate) -> ComputationChoice:
@@ -426,7 +426,7 @@ class JointPlanner(Planner):
             airspeed_mps=None if plan.pace_mps is None else plan.airspeeds_mps[o.stage - 1],
         )
         if plan.pace_mps is not None and plan.pace_mps < (self._places.pace_mps or math.inf):
-            self._policy.note_slower(o.time_s)
+            self._policy.slowed_s = o.time_s
         self._places.decide(plan.shares, chosen, (plan.pace_mps, plan.thriftiest_mps), plan.airspeeds_mps)
         self._decision = Decision(chosen, reason, record, returns_home, self._places.airspeeds_mps)
 

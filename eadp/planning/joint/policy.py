@@ -39,32 +39,24 @@ class Policy:
 
     Attributes
     ----------
+    path_changes : int
+        Changes of path parameters so far.
+    fell_s, slowed_s : float
+        When computations fell last, and the airspeed [s].
     awaits_s : float
         When to search anew, while the flight is slow for a path in reach, or short of charge [s].
     """
 
     def __init__(self, min_gain: float) -> None:
         self._min_gain = min_gain
-        self._path_changes = 0
-        self._fell_s = self._slowed_s = -SETTLED_S
+        self.path_changes = 0
+        self.fell_s = self.slowed_s = -SETTLED_S
         self.awaits_s = math.inf
 
     @property
     def path_gain(self) -> float:
         """Least gain of the objective for which a path parameter changes; each change before adds half of it."""
-        return self._min_gain * (1 + self._path_changes / 2)
-
-    def count_path_change(self) -> None:
-        """Count a change of a path parameter."""
-        self._path_changes += 1
-
-    def note_fall(self, time_s: float) -> None:
-        """Note that computations fall at a time [s]."""
-        self._fell_s = time_s
-
-    def note_slower(self, time_s: float) -> None:
-        """Note that the airspeed falls at a time [s]."""
-        self._slowed_s = time_s
+        return self._min_gain * (1 + self.path_changes / 2)
 
     def pace(self, time_s: float, now_mps: float | None, good_mps: Sequence[float]) -> float:
         """The pace to fly [m/s] of those that are as good, the fastest first; asking changes nothing.
@@ -74,7 +66,7 @@ class Policy:
         fastest_mps = good_mps[0]
         if now_mps is None or now_mps not in good_mps:
             return fastest_mps
-        waits = fastest_mps - now_mps < LEAST_CHANGE_MPS or time_s - self._slowed_s < SETTLED_S
+        waits = fastest_mps - now_mps < LEAST_CHANGE_MPS or time_s - self.slowed_s < SETTLED_S
         return now_mps if waits else fastest_mps
 
     def computations(
@@ -112,7 +104,7 @@ class Policy:
             stays_to = below + 1 if lasts_s > NO_TIME_S else below
             chosen = below
             if rises_to > held:
-                waits = time_s - self._fell_s < SETTLED_S
+                waits = time_s - self.fell_s < SETTLED_S
                 chosen = held if waits else rises_to
             elif held <= stays_to:
                 chosen = held

@@ -380,26 +380,14 @@ def corrected(charge: Charge, error: float, noise: float) -> Charge:
     # fmt: on
 
 
-def _with_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
-    """The state with another b and variance of it; covariances stay."""
+def _with_soc(charge: Charge, soc: float, var_soc: float, related: float = 1.0) -> Charge:
+    """The state with another b and variance of it; covariances stay, or with `related` 0 it covaries with nothing."""
     c = charge
     # fmt: off
     return Charge(
         soc, c.use_ratio, c.use_slope,
-        var_soc, c.cov_soc_ratio, c.cov_soc_slope, c.var_ratio, c.cov_ratio_slope, c.var_slope,
-        c.offset, c.cov_soc_offset, c.cov_ratio_offset, c.cov_slope_offset, c.var_offset,
-    )
-    # fmt: on
-
-
-def _with_new_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
-    """The state with a new b, independent of the state before: it covaries with nothing."""
-    c = charge
-    # fmt: off
-    return Charge(
-        soc, c.use_ratio, c.use_slope,
-        var_soc, 0.0, 0.0, c.var_ratio, c.cov_ratio_slope, c.var_slope,
-        c.offset, 0.0, c.cov_ratio_offset, c.cov_slope_offset, c.var_offset,
+        var_soc, related * c.cov_soc_ratio, related * c.cov_soc_slope, c.var_ratio, c.cov_ratio_slope, c.var_slope,
+        c.offset, related * c.cov_soc_offset, c.cov_ratio_offset, c.cov_slope_offset, c.var_offset,
     )
     # fmt: on
 
@@ -551,7 +539,7 @@ def _with_outlier(state: ChargeState, now: Charge, error: float) -> ChargeState:
 def _with_loss(state: ChargeState, now: Charge, error: float) -> ChargeState:
     """The state after a loss of charge, or the end of a false one: b is the reading; the counts start again."""
     readings, gauge, belief = state.readings, state.gauge, state.belief
-    charge = _with_new_soc(now, readings.last, gauge.noise_variance)
+    charge = _with_soc(now, readings.last, gauge.noise_variance, 0.0)
     return ChargeState(
         charge,
         _none_since(state.drain),

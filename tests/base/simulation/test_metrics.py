@@ -31,7 +31,7 @@ def test_means_are_over_time():
     log = logged()
     assert log.mean(0) == pytest.approx(-500 * 30 / 40)
     assert log.mean(1) == pytest.approx((10 * 30 + 4 * 10) / 40)
-    assert [record.changes for record in log.records] == [1, 1]
+    assert [len(record.history) for record in log.records] == [1, 1]
     assert log.records[0].history == [(10.0, -500.0)]
 
 

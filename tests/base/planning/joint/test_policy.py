@@ -44,7 +44,7 @@ def flown(policy, evaluation, share, time_s, now):
     again = policy.computations(time_s, now_w, found, solution)
     assert (chosen, lasts_s) == again, "asking changes nothing"
     if rows.index(chosen) < rows.index(now):
-        policy.note_fall(time_s)
+        policy.fell_s = time_s
     return chosen
 
 
@@ -127,7 +127,7 @@ def test_the_gain_for_which_a_path_changes_grows_with_changes():
     policy, gains = Policy(MIN_GAIN), []
     for _ in range(30):
         gains.append(policy.path_gain)
-        policy.count_path_change()
+        policy.path_changes += 1
     assert gains[0] == MIN_GAIN
     assert (np.diff(gains) > 0).all()
     assert np.diff(gains) == pytest.approx(gains[1] - gains[0])
