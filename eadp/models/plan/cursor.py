@@ -30,8 +30,9 @@ LATCHED, LIVE = "latched", "live"
 class Rules:
     """How stages follow one another.
 
-    `parameter_changes` is `latched` (a new path parameter waits for the stage before the first whose path names it) or
-    `live` (it moves the path at once, as the published flights do). `box_triggers` is the published test: a box of the
+    `parameter_changes` is `latched` (a new path parameter waits for the stage before the first whose path names it, and
+    in the last lap does not take effect where it would alter nothing flown) or `live` (it moves the path at once, as
+    the published flights do). `box_triggers` is the published test: a box of the
     trigger's radius, neither armed nor passed, and an end that asks for the position alone.
     """
 
@@ -228,6 +229,11 @@ class PlanCursor(NamedTuple):
         if waiting != self.decided:
             latched = [latch in (index, None) for latch in table.latches[segment]]
             waiting = _chosen(latched, self.decided, self.waiting)
+            kept = _chosen(table.of_later_laps[segment], self.waiting, waiting)
+            if kept != waiting and all(
+                self._is_last_lap(segment, index, state, base_m, own) for own in (kept, waiting)
+            ):
+                waiting = kept  # it would alter nothing flown
         due = self.shift_due
         if table.live and table.is_last(index):
             # where the lap lies now it stays, and the shift to the next one is due, whatever it will be
@@ -237,6 +243,16 @@ class PlanCursor(NamedTuple):
         offset = self._offset(index, base_m, waiting, due=due)
         decided, airspeeds = self.decided, self.airspeeds_mps
         return PlanCursor(stage, own, lap, offset, state, segment, decided, waiting, base_m, due, table, airspeeds)
+
+    def _is_last_lap(self, segment: int, index: int, state: State, base_m: Point, waiting: Vector) -> bool:
+        """Whether the plan, or the segment, ends in the lap of a stage (from 0)."""
+        table, of_laps = self.table, self.table.segments[segment]
+        own = _clipped(table.plan.stages[index], waiting)
+        if of_laps.repeats:
+            return of_laps.over(own, of_laps.next(own, state))
+        final, shift, (x, y) = table.ends_at(own)
+        at = x + base_m[0], y + base_m[1]
+        return not table.rules.box_triggers and reaches(at, final, shift, table.plan.final_radius_m)
 
     def _moved(self, *, waiting: Vector, decided: Vector | None = None) -> PlanCursor:
         """The same stage with other parameters."""
@@ -265,6 +281,7 @@ class _Table:
         self.segments = plan.segments or (Segment(0, len(plan.stages)),)
         self.live = rules.parameter_changes == LIVE and not plan.segments
         self.latches = [_latches(plan, segment) for segment in self.segments]
+        self.of_later_laps = [_of_later_laps(plan, segment) for segment in self.segments]
         self._changed = [
             next((stage for stage in plan.stages if parameter.name in stage.path.names), plan.stages[0])
             for parameter in plan.parameters
@@ -315,6 +332,18 @@ def _latches(plan: Plan, segment: Segment) -> list[int | None]:
         # the stage before the first one named; a whole lap for what no path names
         latches.append(segment.first + ((named[0] - 1) % segment.count if named else 0))
     return latches
+
+
+def _of_later_laps(plan: Plan, segment: Segment) -> list[bool]:
+    """For each parameter whether it alters later laps alone from where it takes effect in a lap of a segment."""
+    alters = []
+    for parameter, latch in zip(plan.parameters, _latches(plan, segment), strict=True):
+        dependent = segment.dependent(parameter.name)
+        rest = plan.stages[latch : segment.first + segment.count] if latch is not None else ()
+        parts = [part for stage in rest for part in (stage.path, *stage.trigger)]
+        parts += plan.final_point if plan.repeats else ()
+        alters.append(latch is not None and not any(part.names & dependent for part in parts))
+    return alters
 
 
 def _chosen(where: Sequence[bool], values: Vector, others: Vector) -> Vector:

@@ -68,6 +68,25 @@ def test_parameters_that_stay_are_seen_with_their_mean_share(share):
     assert log.quality({"c1": 3.0}) == pytest.approx((3 * share + 0.25) / 4, abs=ALGEBRA)
 
 
+@pytest.mark.parametrize("stage", [3, 4])
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_change_that_alters_nothing_flown_earns_nothing(stage, share):
+    """c1 waits for the last line of a lap, which does not depend on it: in the last lap it alters nothing."""
+    plan = survey()
+    route = RoutePredictor().route(PlanCursor.start(plan, parameters_of(plan, 0.35)), start_of(plan))
+    stages = [leg.stage.index for leg in route.legs]
+    times_s = np.cumsum([leg.distance_m / SPEED_MPS for leg in route.legs])
+    late_s = times_s[len(stages) - 1 - stages[::-1].index(stage)] - 1e-6  # the last leg of this stage is flown
+
+    def late(time_s, _):
+        return parameters_of(plan, share if time_s > late_s else 0.35)
+
+    kept, kept_s = on_paper(plan, start_of(plan), lambda *_: parameters_of(plan, 0.35))
+    changed, changed_s = on_paper(plan, start_of(plan), late)
+    assert changed_s == pytest.approx(kept_s)
+    assert changed.quality({"c2": 0.0}) == pytest.approx(kept.quality({"c2": 0.0}), abs=ALGEBRA)
+
+
 # --- the ground of a mission does not depend on its parameters --------------------------------------------------------
 
 
