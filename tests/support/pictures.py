@@ -69,9 +69,10 @@ def speed_to_fly(made: Path) -> Path:
     planner = JointPlanner(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.own)
     _, known = before_take_off(inputs.scenario.planner, inputs.mission, (2 * 3**0.5, 2.0), 0.0)
     planner._places.enter(known)
-    paces, at = planner._places.paces(known, planner._places.shares)
-    assert at is not None
-    by_pace = [at.forecast(i, at.filled()) for i in range(len(paces))]
+    here = planner._places.shares
+    paces, _ = planner._places.paces(known, here)
+    alone = [planner._places.evaluate(known, [here], pace)[1] for pace in paces]
+    by_pace = [at.forecast(at.filled()) for at in alone if at is not None]
     held = [
         ending(**{"planner.joint.airspeed": "fixed", "vehicle.airframe.airspeed_mps": v}) for v in (15, 14, 13, 12, 11)
     ]
