@@ -481,18 +481,37 @@ class Horizon:
         """The choices with one step raised to its next better choice; None where no raise is better and feasible.
 
         `made`, shape (M,), is the choice of each step. Only steps left below the QP's power are raised: `below_qp`,
-        shape (M,). Raises are tried by gain, the greatest first.
+        shape (M,). Raises are tried by gain, the greatest first. Where the charge does not suffice, an earlier step
+        that frees what is missing, and loses less than is gained, is lowered. Charges are states of charge.
         """
-        value = table.value.take(self._at + made)
-        # of each step its next better choice above
+        at = self._at + made
+        used, value = table.drop.take(at), table.value.take(at)
+        # of each step its next better choice above, and the charge missing for it
         better = (table.value > value[:, None]) & (np.arange(len(self.choices)) > made[:, None])
         above = better.argmax(axis=1)
-        gain = np.where(below_qp & better.any(axis=1), table.value.take(self._at + above) - value, 0.0)
-        for step in np.argsort(-gain, kind="stable")[: np.count_nonzero(gain)].tolist():
+        at += above - made
+        missing = table.limit.take(at) - (soc - used.cumsum() + used - table.drop.take(at))
+        # the most that lowering a single step, this one or an earlier one, frees
+        freed = np.maximum.accumulate(used - np.minimum.reduce(table.drop, axis=1))
+        steps = np.flatnonzero(below_qp & (table.value.take(at) > value) & (missing <= freed))
+        losses = value - table.value.take(at)
+        raises = (each.take(steps).tolist() for each in (losses, np.arange(self._steps), above, missing))
+        for minus_gain, step, choice, lack in sorted(zip(*raises, strict=True)):
             trial = made.copy()
-            trial[step] = above[step]
-            if self._violated(trial, table, soc) is None:
+            trial[step] = choice
+            # without a lack, the raise alone is tried first
+            if lack <= 0 and self._violated(trial, table, soc) is None:
                 return trial
+            # of every choice at every earlier step: the value lost by it, and whether it frees enough; shape (step, J)
+            loss = value[:step, None] - table.value[:step]
+            enough = used[:step, None] - table.drop[:step] >= max(lack, 1e-15)
+            places = np.flatnonzero(enough & (loss < -minus_gain))
+            for place in places[loss.take(places).argsort(kind="stable")].tolist():
+                earlier, lower = divmod(place, len(self.choices))
+                trial[:step] = made[:step]
+                trial[earlier] = lower
+                if self._violated(trial, table, soc) is None:
+                    return trial
         return None
 
     # --- the drafts' subroutine, also the fallback

@@ -294,7 +294,7 @@ def test_levels_of_one_computation_against_brute_force(shape, cost, terminal, re
     record_property("worst gap to brute force", float(np.max(gaps)))
     assert len(gaps) + len(gentle_gaps) > 2 / 3 * count
     assert max(gentle_gaps) <= EXACT
-    assert np.mean(np.array(gaps) <= EXACT) >= 0.65
+    assert np.mean(np.array(gaps) <= EXACT) >= 0.8
     assert max(gaps) <= 0.16
 
 
@@ -321,7 +321,7 @@ def test_levels_of_two_computations_against_brute_force(cost, traded, record_pro
     record_property("worst gap to brute force", float(np.max(gaps)))
     assert len(gaps) > 5
     assert np.median(gaps) <= EXACT
-    assert max(gaps) <= 0.05
+    assert max(gaps) <= 0.03
 
 
 def test_a_power_that_falls_is_no_reason_to_give_up():
