@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 from common.forecasts import CALM, Forecasting, plan_inputs, survey_inputs
 
+from eadp.core.flight import drain_per_s
 from eadp.models.airspace import HOME_RADII
+from eadp.models.plan.stage import leg_points
+from eadp.planning.forecast.clearance import after_leg
 from eadp.planning.forecast.evaluate import Objective
-from eadp.planning.forecast.home import can_fall, home_spare, latest_turn_back
+from eadp.planning.forecast.home import STEP_M, can_fall, home_spare, latest_turn_back
+from eadp.planning.state.charge import after_drain
 from eadp.planning.state.known import WindKnown
 
 EVEN = Objective(0.05, 0.5)
@@ -88,6 +92,30 @@ def test_the_latest_turn_back_lies_between_take_off_and_the_end():
     assert 0 < early < later < never
     assert never == pytest.approx(found.known.time_s + found.load.times_s.sum(), abs=1e-6)
     assert latest_turn_back(forecasting_of(None).at(0.0), found.filled()) is None
+
+
+@pytest.mark.parametrize(
+    ("home", "capacity_ah"), [((0.0, -1000.0), 0.25), ((300.0, 900.0), 0.3), ((600.0, 100.0), 0.28)]
+)
+def test_no_point_after_the_latest_turn_back_is_within_reach_of_home(home, capacity_ah):
+    """Beside fifty points of each leg; halving ends within `STEP_M`."""
+    found = forecasting_of(home, **{"battery.capacity_ah": capacity_ah}).at(0.0)
+    filling, (route,), known, battery = found.filled(), found.routes, found.known, found.evaluator.mission.battery
+    powers_w = found.load.motion_w + found.computing_w(filling.shares)
+    drains = drain_per_s(powers_w, found.limits.volts, battery.resistance_ohm, battery.drain_per_as)
+    rows = zip(route.legs, found.load.times_s, powers_w, drains, strict=True)
+    begin_s = begin_j = used = last_s = 0.0
+    for leg, leg_s, power_w, drain in rows:
+        for share in np.linspace(0.02, 1.0, 50):
+            x, y, _ = leg_points(leg._replace(flown_m=share * leg.distance_m), math.inf)[-1]
+            charge = known.charge._replace(filtered=after_drain(known.charge.filtered, used + drain * share * leg_s))
+            there = after_leg(known, leg)._replace(position_m=(x, y), charge=charge)
+            flown_s, flown_j = begin_s + share * leg_s, begin_j + share * leg_s * power_w
+            if there.soc > 0 and home_spare(replace(found, known=there), flown_s, flown_j) >= 0:
+                last_s = flown_s
+        begin_s, begin_j, used = begin_s + leg_s, begin_j + leg_s * power_w, used + drain * leg_s
+    assert 0 < last_s < begin_s, "home is out of reach before the plan's end"
+    assert latest_turn_back(found, filling).time_s == pytest.approx(known.time_s + last_s, abs=(STEP_M + 10) / 15)
 
 
 def spare_with(found, **changes):
