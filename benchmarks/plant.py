@@ -29,7 +29,7 @@ try:
 except ImportError:
     sys.exit("this benchmark flies in JSBSim, which is not installed: pip install 'eadp[bench]'")
 
-from eadp.models.plan.cursor import Rules
+from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 
@@ -279,7 +279,7 @@ class PlanFlight:
         wind_mps: tuple[float, float],
         gusts: Dryden | None = None,
     ) -> None:
-        self.executor = PlanExecutor(plan, parameters, start_m, Rules())
+        self.executor = PlanExecutor(PlanCursor.start(plan, parameters, Rules()), start_m)
         self.plane = Aeroplane(start_m, self._course(*start_m)[0], wind_mps, gusts)
         commanded = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
         # it starts at the first altitude that the plan commands

@@ -137,7 +137,7 @@ def flown(inputs: FlightInputs, planner: Planner | None = None) -> dict[str, Any
     log = outcome.parameters
     assert log is not None
     quality = log.quality(inputs.scenario.planner.weights)
-    changes = sum(record.changes for record in log.records)
+    changes = sum(len(record.history) for record in log.records)
     return {
         "completed": outcome.completed,
         "kept": outcome.completed and outcome.soc_final >= RESERVE,
@@ -227,12 +227,12 @@ def ground_rates(log: ParameterLog, steps: int) -> Any:
     Source: `eadp.models.plan.ground`.
     """
     predictor, runs = RoutePredictor(), []
-    for time_s, cursor, joined_m, _ in log._events:
+    for time_s, cursor, joined_m in log._events:
         if joined_m is not None:
             if not runs or runs[-1][2] != (cursor.segment, cursor.lap):
                 runs.append((time_s, 0.0, (cursor.segment, cursor.lap), cursor))
             start_s, length_m, lap, _ = runs[-1]
-            runs[-1] = start_s, length_m + predictor.leg(cursor, joined_m).first.length_m, lap, cursor
+            runs[-1] = start_s, length_m + predictor.leg(cursor, joined_m).legs[0].length_m, lap, cursor
     rates, ends = np.zeros(steps), [*(round(run[0] / SAMPLE_S) for run in runs[1:]), steps]
     for (start_s, length_m, _, cursor), end in zip(runs, ends, strict=True):
         start = round(start_s / SAMPLE_S)

@@ -69,7 +69,7 @@ from eadp import read_plan  # noqa: E402
 from eadp.api.inputs import Files, load_flight  # noqa: E402
 from eadp.io.figures.canvas import COLOURS, GREY, figure_pair, legend_above  # noqa: E402
 from eadp.io.text.streams import Text  # noqa: E402
-from eadp.models.plan.cursor import Rules  # noqa: E402
+from eadp.models.plan.cursor import PlanCursor, Rules  # noqa: E402
 from eadp.models.plan.executor import PlanExecutor  # noqa: E402
 from eadp.models.plan.plan import Plan  # noqa: E402
 from eadp.models.plan.trace import default_start  # noqa: E402
@@ -332,7 +332,7 @@ class Seen:
 def constant_quality(plan: Plan, samples: list[Sample], level: float) -> float:
     """U of a flight along the same positions, with its c1 and a constant level of the computations."""
     start, _ = default_start(plan, samples[0].parameters)
-    executor = PlanExecutor(plan, (samples[0].parameters[0], level), start, Rules())
+    executor = PlanExecutor(PlanCursor.start(plan, (samples[0].parameters[0], level), Rules()), start)
     seen = Seen(plan, executor)
     for sample in samples:
         executor.advance(sample.x_m, sample.y_m)
