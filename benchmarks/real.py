@@ -63,12 +63,12 @@ REFUSED = {
     "ArduPilot_77972_regions_11_april_2023.kmz": "293 features with polygons",
     "ArduPilot_ace97_fence-110.txt": "a fence, and no mission",
     "ArduPilot_ce1e8_rally-110.txt": "places to rally, and no mission",
-    "CubePilot_e2b1b_OldFileFormat.mission": "a mission of QGroundControl 3.1 or older, which is not read",
+    "CubePilot_e2b1b_OldFileFormat.mission": "fileType: without a value; expected fileType Plan",
     "UCM-237_f748d_MAV08_no_fly_boundaries.kml": "no polygon, only open lines and points",
     "brainstable_8b436_forestbelts.geojson": "no columns of vertices",
     "click-lhwan_f96b9_parcels.geojson": "5 features with polygons",
     "jschall_d5e63_test.tlog": "is not UTF-8 text",
-    "mavlink_57f7f_qgroundcontrol_sample_with_structured_scan.plan": "a StructureScan",
+    "mavlink_57f7f_qgroundcontrol_sample_with_structured_scan.plan": "StructureScan is not known",
     "qgroundcontrol_sample_wrong_mission_version.plan": "mission.version: 7 is not known",
 }
 """Files that are refused, and why: lines are no fields, of several fields one is named, …"""
@@ -166,7 +166,8 @@ def compared(path: Path, keys: Mapping[str, Any]) -> Compared | None:
     outcome = Outcome()
     for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
-    powers_w = [3600 * energy / seconds for seconds, energy in expected.stages.values() if seconds > 0]
+    # of stages that last longer than a step of the flight
+    powers_w = [3600 * energy / seconds for seconds, energy in expected.stages.values() if seconds > 0.05]
     excess_s = math.hypot(*(one.seconds for one in inputs.mission.excess.values()))
     warned = any(fault.severity == "warning" for fault in inputs.warnings)
     limit_w = inputs.world.vehicle.max_motion_w

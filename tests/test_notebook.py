@@ -29,7 +29,7 @@ def test_the_cells_run(monkeypatch, folder):
         exec(compile(ast.Module(body, []), str(PAGE), "exec"), names)
         if last is not None:
             shown.append(eval(compile(ast.Expression(last.value), str(PAGE), "eval"), names))
-    assert any("spacing" in line for line in names["covered"].lines)
+    assert any(line.startswith("covers") for line in names["covered"].lines)
     flight = names["flight"]
     assert repr(flight).startswith("<Flight of meadow.geojson: completed, ")
     assert len(repr(flight)) < 200

@@ -18,10 +18,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
-from eadp.core.arrays import FloatArray
-
 WINDOW_S, FADE_S = 5.0, 900.0
 PRIOR_WINDOWS, PASSES = 2, 6
 """Weight of the prior noise in windows; and how often the fit and the noise are computed in turns."""
@@ -50,72 +46,71 @@ NEW_LEVEL = 10.0
 
 
 class Prior(NamedTuple):
-    """Means and inverse variances of (a, b, c), shape (3,); and the noise of windows, a variance times their length."""
+    """Means and inverse variances of a, b and c; and the noise of windows, a variance times their length."""
 
-    mean: FloatArray
-    information: FloatArray
+    a: float
+    b: float
+    c: float
+    information_a: float
+    information_b: float
+    information_c: float
     noise: float
 
 
 class Sums(NamedTuple):
-    """Sums over windows of the products of (1, x, z, y), shape (4, 4), weighted by times and faded; their number, too.
+    """Sums over windows of 1, x, x², y, …, weighted by the windows' times and faded; and their number, faded, too."""
 
-    A window is a `row` (1, x, z, y) of means.
-    """
+    n: float
+    x: float
+    xx: float
+    y: float
+    xy: float
+    yy: float
+    windows: float
+    z: float
+    xz: float
+    zz: float
+    zy: float
 
-    products: FloatArray = np.zeros((4, 4))
-    windows: float = 0.0
 
-    def added(self, seconds: float, row: FloatArray) -> Sums:
-        """The sums with one more window."""
-        kept = math.exp(-seconds / FADE_S)
-        return Sums(kept * self.products + seconds * np.outer(row, row), kept * self.windows + 1)
+NO_SUMS = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Fit(NamedTuple):
-    """Posterior of (a, b, c): means, shape (3,), and covariance, shape (3, 3); the noise of windows, see `Prior`."""
+    """Posterior of a, b and c; `aa`, `ab`, … their variances and covariances; the noise of windows, see `Prior`."""
 
-    mean: FloatArray
-    covariance: FloatArray
+    a: float
+    b: float
+    c: float
+    aa: float
+    ab: float
+    bb: float
     noise: float
-
-    @property
-    def residual(self) -> FloatArray:
-        """(−a, −b, −c, 1), shape (4,): times a row it is by how much that is above the fit."""
-        return np.array([*-self.mean, 1.0])
-
-
-class Cusum(NamedTuple):
-    """CUSUM of the log-likelihood ratio of a step up, or down, and sums over the windows since it last was 0."""
-
-    ratio: float = 0.0
-    since: Sums = Sums()
+    cc: float
+    ac: float
+    bc: float
 
 
 class Evidence(NamedTuple):
-    """Of a step up and of one down; `before` is the fit without these windows, with which they are compared."""
+    """Of a step up and of one down: CUSUM of the log-likelihood ratio, and sums over the windows since it last was 0.
 
+    `before` is the fit without these windows, with which they are compared.
+    """
+
+    up: float
+    down: float
+    since_up: Sums
+    since_down: Sums
     before: Fit
-    up: Cusum = Cusum()
-    down: Cusum = Cusum()
-
-    @property
-    def ratio(self) -> float:
-        """The greater one."""
-        return max(self.up.ratio, self.down.ratio)
 
 
 class Scatter(NamedTuple):
     """How long errors last: the last window's error times the root of its time, and faded sums of the products of two
     successive ones, and of their squares."""
 
-    last: float = 0.0
-    products: float = 0.0
-    squares: float = 0.0
-
-    def lasting(self, noise: float) -> float:
-        """Variance of the mean over a long time to that of independent windows: 1 + 2 ρ, with ρ of successive ones."""
-        return 1.0 + 2.0 * max(self.products / (self.squares + INDEPENDENT_WINDOWS * noise), 0.0)
+    last: float
+    products: float
+    squares: float
 
 
 class Regression(NamedTuple):
@@ -125,75 +120,124 @@ class Regression(NamedTuple):
     sums: Sums
     fit: Fit
     evidence: Evidence
-    steps: int = 0
-    step: float = 0.0
-    scatter: Scatter = Scatter()
+    steps: int
+    step: float
+    scatter: Scatter
 
-    @classmethod
-    def started(cls, prior: Prior) -> Regression:
-        """The state before the first window."""
-        fit = Fit(prior.mean, np.diag(1 / prior.information), prior.noise)
-        return cls(prior, Sums(), fit, Evidence(fit))
 
-    @property
-    def lasting_noise(self) -> float:
-        """Variance of the mean over a long time, times that time."""
-        return self.fit.noise * self.scatter.lasting(self.prior.noise)
+def started(prior: Prior) -> Regression:
+    """The state before the first window."""
+    variances = 1 / prior.information_a, 0.0, 1 / prior.information_b, prior.noise, 1 / prior.information_c
+    fit = Fit(prior.a, prior.b, prior.c, *variances, 0.0, 0.0)
+    return Regression(prior, NO_SUMS, fit, Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit), 0, 0.0, Scatter(0.0, 0.0, 0.0))
 
-    @property
-    def in_doubt(self) -> bool:
-        """Whether the level may have changed: the next windows decide."""
-        return self.evidence.ratio > DOUBT
 
-    def with_window(self, seconds: float, mean: float, x: float, z: float, min_step: float) -> Regression:
-        """The state after a window: its fit, or where a lasting step of the level is found, a new one since the step.
+def lasting_noise(state: Regression) -> float:
+    """Variance of the mean over a long time, times that time."""
+    return state.fit.noise * _lasting(state.scatter, state.prior.noise)
 
-        Parameters
-        ----------
-        seconds : float
-            The window's length [s].
-        mean, x, z : float
-            Means of y, x and z over it.
-        min_step : float
-            The least step of the level that is to be recognised.
-        """
-        row = np.array([1.0, x, z, mean])
-        evidence = _compared(self, seconds, row, min_step)
-        if evidence.ratio <= ALARM:
-            sums, scaled = self.sums.added(seconds, row), float(row @ self.fit.residual) * math.sqrt(seconds)
-            kept, (last, products, squares) = math.exp(-seconds / FADE_S), self.scatter
-            scatter = Scatter(scaled, kept * products + scaled * last, kept * squares + scaled * scaled)
-            fit = _fitted(sums, self.prior, self.fit, scatter.lasting(self.prior.noise))
-            return self._replace(sums=sums, fit=fit, evidence=evidence, scatter=scatter)
+
+def in_doubt(state: Regression) -> bool:
+    """Whether the level may have changed: the next windows decide."""
+    return max(state.evidence.up, state.evidence.down) > DOUBT
+
+
+# The functions below may be compiled, see `eadp.core.compiled`.
+
+
+def with_window(state: Regression, seconds: float, mean: float, x: float, z: float, min_step: float) -> Regression:
+    """The state after a window: its fit, or where a lasting step of the level is found, a new one since the step.
+
+    Parameters
+    ----------
+    state : Regression
+    seconds : float
+        The window's length [s].
+    mean, x, z : float
+        Means of y, x and z over it.
+    min_step : float
+        The least step of the level that is to be recognised.
+    """
+    evidence = _compared(state, seconds, mean, x, z, min_step)
+    prior, sums, before = state.prior, _added(state.sums, seconds, mean, x, z), state.fit
+    scatter = _scattered(state.scatter, seconds, mean - before.a - before.b * x - before.c * z)
+    steps, step = state.steps, state.step
+    stepped = max(evidence.up, evidence.down) > ALARM
+    if stepped:
         # learn again from the windows since the step, with slopes as before it and a level that may be anywhere
-        before, (_, sums) = evidence.before, max(evidence.up, evidence.down, key=lambda each: each.ratio)
-        information = np.array([1 / (NEW_LEVEL * min_step) ** 2, *self.prior.information[1:]])
+        before = evidence.before
+        sums = evidence.since_up if evidence.up > evidence.down else evidence.since_down
+        information_a = 1 / (NEW_LEVEL * min_step) ** 2
         # a level that was wrong from the start looks like noise
-        prior = Prior(before.mean, information, min(before.noise, WINDOW_S * (min_step / STANDS_OUT) ** 2))
-        fit = _fitted(sums, prior, before, self.scatter.lasting(prior.noise))
-        # a step is no scatter
-        return Regression(prior, sums, fit, Evidence(fit), self.steps + 1, float(row @ before.residual), self.scatter)
+        noise = min(before.noise, WINDOW_S * (min_step / STANDS_OUT) ** 2)
+        prior = Prior(before.a, before.b, before.c, information_a, prior.information_b, prior.information_c, noise)
+        scatter = state.scatter  # a step is no scatter
+    fit = _fitted(sums, prior, before, _lasting(scatter, prior.noise))
+    if stepped:
+        steps, step = steps + 1, mean - before.a - before.b * x - before.c * z
+        evidence = Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit)
+    return Regression(prior, sums, fit, evidence, steps, step, scatter)
 
 
-def _compared(state: Regression, seconds: float, row: FloatArray, min_step: float) -> Evidence:
+def _scattered(scatter: Scatter, seconds: float, error: float) -> Scatter:
+    """The scatter with one more window, of an error."""
+    kept, scaled = math.exp(-seconds / FADE_S), error * math.sqrt(seconds)
+    return Scatter(scaled, kept * scatter.products + scaled * scatter.last, kept * scatter.squares + scaled * scaled)
+
+
+def _lasting(scatter: Scatter, noise: float) -> float:
+    """Variance of the mean over a long time to that of independent windows: 1 + 2 ρ, with ρ of successive ones."""
+    correlation = scatter.products / (scatter.squares + INDEPENDENT_WINDOWS * noise)
+    return 1.0 + 2.0 * max(correlation, 0.0)
+
+
+def _added(sums: Sums, seconds: float, mean: float, x: float, z: float) -> Sums:
+    """The sums with one more window."""
+    kept = math.exp(-seconds / FADE_S)
+    return Sums(
+        kept * sums.n + seconds,
+        kept * sums.x + seconds * x,
+        kept * sums.xx + seconds * (x * x),
+        kept * sums.y + seconds * mean,
+        kept * sums.xy + seconds * (x * mean),
+        kept * sums.yy + seconds * (mean * mean),
+        kept * sums.windows + 1,
+        kept * sums.z + seconds * z,
+        kept * sums.xz + seconds * (x * z),
+        kept * sums.zz + seconds * (z * z),
+        kept * sums.zy + seconds * (z * mean),
+    )
+
+
+def _compared(state: Regression, seconds: float, mean: float, x: float, z: float, min_step: float) -> Evidence:
     """The evidence of a step of the level after one more window."""
     was = state.evidence
     # while there may have been a step, windows are compared with the fit before it
-    before = was.before if state.in_doubt else state.fit
+    before = was.before if max(was.up, was.down) > DOUBT else state.fit
     # e = y − a − b x − c z, of variance v/t + (1, x, z) P (1, x, z)ᵀ
-    residual, terms = before.residual, row[:3]
-    error, variance = float(row @ residual), float(before.noise / seconds + terms @ before.covariance @ terms)
+    error = mean - before.a - before.b * x - before.c * z
+    variance = before.noise / seconds + before.aa + 2 * x * before.ab + x * x * before.bb
+    variance += z * (z * before.cc + 2 * before.ac + 2 * x * before.bc)
     freedom = 1.0 + INDEPENDENT * state.sums.windows
+    # the size of the step as estimated without this window, so that the bound on false alarms holds
+    step_up = max(_mean_error(was.since_up, before), min_step)
+    step_down = min(_mean_error(was.since_down, before), -min_step)
+    # CUSUM: S ← max(0, S + log-likelihood ratio); the step may be since S was last 0
+    up = max(0.0, was.up + _log_likelihood_ratio(error, step_up, variance, freedom))
+    down = max(0.0, was.down + _log_likelihood_ratio(error, step_down, variance, freedom))
+    since_up, since_down = NO_SUMS, NO_SUMS
+    if up > 0.0:
+        since_up = _added(was.since_up, seconds, mean, x, z)
+    if down > 0.0:
+        since_down = _added(was.since_down, seconds, mean, x, z)
+    return Evidence(up, down, since_up, since_down, before)
 
-    def after(cusum: Cusum, side: int) -> Cusum:
-        # the size of the step as estimated without this window, so that the bound on false alarms holds
-        sums = cusum.since.products[0]
-        size = side * float(sums @ residual / sums[0]) if sums[0] else 0.0
-        # CUSUM: S ← max(0, S + log-likelihood ratio); the step may be since S was last 0
-        ratio = cusum.ratio + _log_likelihood_ratio(error, side * max(size, min_step), variance, freedom)
-        return Cusum(ratio, cusum.since.added(seconds, row)) if ratio > 0 else Cusum()
 
-    return Evidence(before, after(was.up, 1), after(was.down, -1))
+def _mean_error(sums: Sums, fit: Fit) -> float:
+    """Mean by which windows are above a fit; 0 without a window."""
+    if sums.n == 0.0:
+        return 0.0
+    return (sums.y - fit.b * sums.x - fit.c * sums.z) / sums.n - fit.a
 
 
 def _log_likelihood_ratio(error: float, step: float, variance: float, freedom: float) -> float:
@@ -214,19 +258,44 @@ def _fitted(sums: Sums, prior: Prior, before: Fit, lasting: float) -> Fit:
 
     Source: expectation maximisation, Dempster, Laird and Rubin 1977.
     """
-    information, noise, xx = np.diag(prior.information), before.noise, sums.products[:3, :3]
-    # what the prior means leave to explain: Xᵀ(y − X prior)
-    left = sums.products[:3, 3] - xx @ prior.mean
-
-    def covariance_by(noise: float) -> FloatArray:
-        return np.asarray(np.linalg.inv(information + xx / (noise * lasting)), dtype=float)
-
+    fit = before
     for _ in range(PASSES):
-        # (P⁻¹ + XᵀX/v) (θ − prior) = Xᵀ(y − X prior)/v, with P the prior covariance and v the noise
-        covariance = covariance_by(noise)
-        fit = Fit(prior.mean + covariance @ left / (noise * lasting), covariance, noise)
-        # Σ t (y − a − b x − c z)², and Σ t (1, x, z) P (1, x, z)ᵀ
-        squares, spread = float(fit.residual @ sums.products @ fit.residual), float((xx * covariance).sum())
+        fit = _posterior(sums, prior, fit.noise * lasting)
+        a, b, c = fit.a, fit.b, fit.c
+        # Σ t (y − a − b x − c z)²
+        of_products = sums.yy - 2 * (a * sums.y + b * sums.xy)
+        of_c = c * (c * sums.zz - 2 * sums.zy + 2 * a * sums.z + 2 * b * sums.xz)
+        squares = max(of_products + a * a * sums.n + 2 * a * b * sums.x + b * b * sums.xx + of_c, 0.0)
+        # Σ t (1, x, z) P (1, x, z)ᵀ
+        spread = sums.n * fit.aa + 2 * sums.x * fit.ab + sums.xx * fit.bb
+        spread += sums.zz * fit.cc + 2 * (sums.z * fit.ac + sums.xz * fit.bc)
         # the mean of the prior's noise and the residuals', weighted by their windows
-        noise = (PRIOR_WINDOWS * prior.noise + max(squares, 0.0) + spread) / (PRIOR_WINDOWS + sums.windows)
-    return Fit(fit.mean, covariance_by(noise), noise)
+        noise = (PRIOR_WINDOWS * prior.noise + squares + spread) / (PRIOR_WINDOWS + sums.windows)
+        fit = Fit(a, b, c, fit.aa, fit.ab, fit.bb, noise, fit.cc, fit.ac, fit.bc)
+    last = _posterior(sums, prior, fit.noise * lasting)
+    return Fit(fit.a, fit.b, fit.c, last.aa, last.ab, last.bb, fit.noise, last.cc, last.ac, last.bc)
+
+
+def _posterior(sums: Sums, prior: Prior, noise: float) -> Fit:
+    """Posterior of a, b and c by the sums over windows and a given noise: 3 normal equations, solved by hand."""
+    # (P⁻¹ + XᵀX/v) (a, b, c) = P⁻¹ prior + Xᵀy/v, with P the prior covariance and v the noise
+    info_aa, info_ab = prior.information_a + sums.n / noise, sums.x / noise
+    info_bb = prior.information_b + sums.xx / noise
+    info_ac, info_bc, info_cc = sums.z / noise, sums.xz / noise, prior.information_c + sums.zz / noise
+    # right-hand sides, for c − prior c: y above what the prior c explains
+    rhs_a = prior.information_a * prior.a + (sums.y - prior.c * sums.z) / noise
+    rhs_b = prior.information_b * prior.b + (sums.xy - prior.c * sums.xz) / noise
+    rhs_c = (sums.zy - prior.c * sums.zz) / noise
+    # c eliminated: its Schur complement
+    by_a, by_b = info_ac / info_cc, info_bc / info_cc
+    info_aa, info_ab, info_bb = info_aa - by_a * info_ac, info_ab - by_a * info_bc, info_bb - by_b * info_bc
+    rhs_a, rhs_b = rhs_a - by_a * rhs_c, rhs_b - by_b * rhs_c
+    # the 2 × 2 system that is left, by its inverse, the covariance of a and b
+    determinant = info_aa * info_bb - info_ab * info_ab
+    a, b = (info_bb * rhs_a - info_ab * rhs_b) / determinant, (info_aa * rhs_b - info_ab * rhs_a) / determinant
+    aa, ab, bb = info_bb / determinant, -info_ab / determinant, info_aa / determinant
+    c = prior.c + (rhs_c - info_ac * a - info_bc * b) / info_cc
+    # c = const − by_a a − by_b b + its own error
+    ac, bc = -(aa * by_a + ab * by_b), -(ab * by_a + bb * by_b)
+    cc = 1 / info_cc - by_a * ac - by_b * bc
+    return Fit(a, b, c, aa, ab, bb, noise, cc, ac, bc)

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import Column, FloatArray
+from eadp.core.arrays import Column, FloatArray, columns
+from eadp.core.compiled import jitted
 from eadp.models.vehicle import LEVEL_SHARE, Airframe
 from eadp.planning.state.known import MotionKnown, terms_of
-from eadp.planning.state.level_regression import WINDOW_S, Prior, Regression
+from eadp.planning.state.level_regression import (
+    WINDOW_S,
+    Prior,
+    Regression,
+    in_doubt,
+    lasting_noise,
+    started,
+    with_window,
+)
 
 TURN_SHARE = 0.3
 """Prior mean and standard deviation of the power per tan² φ, as a share of level flight's: induced drag is about a
@@ -33,8 +43,22 @@ POWER_SHARE, MIN_POWER_STD_W = 0.03, 0.2
 """Prior standard deviation of a window's mean power, as a share of the level's and at least [W]."""
 
 
-NO_WINDOW: FloatArray = np.zeros(6)
-"""A window without readings: energy [J], time [s], climb [m], and time integrals of `PowerTerms` [s]."""
+class MotionWindow(NamedTuple):
+    """The window of readings that is open: energy [J], time [s], climb [m], and time integrals of `PowerTerms` [s]."""
+
+    energy_j: float = 0.0
+    seconds: float = 0.0
+    climb_m: float = 0.0
+    level_s: float = 0.0
+    flat_s: float = 0.0
+    turn_s: float = 0.0
+
+
+class MotionState(NamedTuple):
+    """State of `MotionPower`."""
+
+    window: MotionWindow
+    regression: Regression
 
 
 class MotionPower:
@@ -76,11 +100,15 @@ class MotionPower:
             slope_std = POLAR_SHARE * slope_w or slope_std
         climb_std = CLIMB_SHARE * climb_j_per_m or UNKNOWN_W[1]
         prior = Prior(
-            mean=np.array([level_w, slope_w, climb_j_per_m]),
-            information=1 / np.array([level_std, slope_std, climb_std]) ** 2,
+            a=level_w,
+            b=slope_w,
+            c=climb_j_per_m,
+            information_a=1 / level_std**2,
+            information_b=1 / slope_std**2,
+            information_c=1 / climb_std**2,
             noise=WINDOW_S * max(POWER_SHARE * level_w, MIN_POWER_STD_W) ** 2,
         )
-        self.regression, self._window = Regression.started(prior), NO_WINDOW
+        self._state = MotionState(MotionWindow(), started(prior))
 
     def ingest(
         self,
@@ -106,52 +134,80 @@ class MotionPower:
         airspeeds_mps : array, shape (n,), optional
             Airspeeds [m/s]; by default the airframe's own.
         """
+        ingested = jitted(_ingested)
         own = np.full(len(steps_s), self._airframe.airspeed_mps) if airspeeds_mps is None else airspeeds_mps
         level, flat, turn, own_w = terms_of(self._airframe, own)
-        steps, watts = np.asarray(steps_s, dtype=float), np.asarray(powers_w, dtype=float) - own_w - beside_w
-        steps = np.where(np.isnan(watts), 0.0, steps)
-        one, climb = np.ones(len(steps)), np.full(len(steps), climb_mps)
-        integrals = steps * np.array([np.nan_to_num(watts), one, climb, level, flat, turn])
-        while integrals.size:
-            seconds = self._window[1] + np.cumsum(integrals[1])
-            count = int(np.searchsorted(seconds, WINDOW_S - 1e-9)) + 1  # up to the reading with which it is full
-            self._window = self._window + integrals[:, :count].sum(axis=1)
-            integrals = integrals[:, count:]
-            if count <= len(seconds):
-                self.end_window(slope)
+        powers_w, others_w, steps_s, *terms = columns(powers_w, own_w + beside_w, steps_s, level, flat, turn)
+        self._state = ingested(self._state, powers_w, others_w, steps_s, slope, climb_mps, tuple(terms))
 
     def end_window(self, slope: float) -> None:
-        """End the window of readings, as at the end of a leg of mean tan² φ `slope`, and update the regression with it.
-
-        One shorter than half of `WINDOW_S` is left out.
-        """
-        window, self._window = self._window, NO_WINDOW
-        seconds = float(window[1])
-        if seconds < WINDOW_S / 2:
-            return
-        mean_w, _, climb_mps, level, flat, turn = (window / seconds).tolist()
-        # y/l = a + b x/l + c z/l, whose noise is that of y over l
-        x, min_step_w = (
-            (flat + turn * slope) / level,
-            max(STEP_SHARE * abs(self.regression.fit.mean[0]), MIN_POWER_STD_W),
-        )
-        self.regression = self.regression.with_window(
-            seconds * level * level, mean_w / level, x, climb_mps / level, min_step_w
-        )
+        """End the window of readings at the end of a leg, of mean tan² φ `slope`, and update the regression with it."""
+        self._state = _window_ended(self._state, slope)
 
     def known(self, max_w: float = math.inf) -> MotionKnown:
         """What is known of the power, which reaches at most this [W]."""
-        fit = self.regression.fit
-        level_w, slope_w, climb_j_per_m = fit.mean.tolist()
+        fit = self._state.regression.fit
         return MotionKnown(
-            level_w=level_w,
-            slope_w=max(slope_w, 0.0),
-            var_level=float(fit.covariance[0, 0]),
-            cov_level_slope=float(fit.covariance[0, 1]),
-            var_slope=float(fit.covariance[1, 1]),
-            noise=self.regression.lasting_noise,
+            level_w=fit.a,
+            slope_w=max(fit.b, 0.0),
+            var_level=fit.aa,
+            cov_level_slope=fit.ab,
+            var_slope=fit.bb,
+            noise=lasting_noise(self._state.regression),
             max_w=max_w,
-            climb_j_per_m=max(climb_j_per_m, 0.0),
+            climb_j_per_m=max(fit.c, 0.0),
             airframe=self._airframe,
-            in_doubt=self.regression.in_doubt,
+            in_doubt=in_doubt(self._state.regression),
         )
+
+
+# The functions below may be compiled, see `eadp.core.compiled`.
+
+
+def _ingested(
+    state: MotionState,
+    powers_w: Column,
+    beside_w: Column,
+    steps_s: Column,
+    slope: float,
+    climb_mps: float,
+    terms: tuple[Column, Column, Column],
+) -> MotionState:
+    """The state after readings, see `MotionPower.ingest`: each adds to the window, which ends when it is full.
+
+    `terms` are the level, flat and turn of `PowerTerms` at each reading.
+    """
+    levels, flats, turns = terms
+    for i in range(len(powers_w)):
+        step_s = steps_s[i]
+        if step_s > 0.0 and not math.isnan(powers_w[i]):
+            window = state.window
+            window = MotionWindow(
+                window.energy_j + (powers_w[i] - beside_w[i]) * step_s,
+                window.seconds + step_s,
+                window.climb_m + climb_mps * step_s,
+                window.level_s + levels[i] * step_s,
+                window.flat_s + flats[i] * step_s,
+                window.turn_s + turns[i] * step_s,
+            )
+            state = MotionState(window, state.regression)
+            if state.window.seconds >= WINDOW_S - 1e-9:
+                state = _window_ended(state, slope)
+    return state
+
+
+def _window_ended(state: MotionState, slope: float) -> MotionState:
+    """The state after the window that is open: an empty one, and the regression with its means.
+
+    One shorter than half of `WINDOW_S` is left out.
+    """
+    window, regression = state
+    seconds = window.seconds
+    if seconds >= WINDOW_S / 2:
+        level = window.level_s / seconds
+        # y/l = a + b x/l + c z/l, whose noise is that of y over l
+        mean_w, climb_mps = window.energy_j / seconds / level, window.climb_m / seconds / level
+        x = (window.flat_s / seconds + window.turn_s / seconds * slope) / level
+        min_step_w = max(STEP_SHARE * abs(regression.fit.a), MIN_POWER_STD_W)
+        regression = with_window(regression, seconds * level * level, mean_w, x, climb_mps, min_step_w)
+    return MotionState(MotionWindow(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), regression)

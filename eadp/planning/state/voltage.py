@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from eadp.models.battery import Battery
-from eadp.planning.state.level_regression import WINDOW_S, Prior, Regression
+from eadp.planning.state.level_regression import WINDOW_S, Prior, started, with_window
 
 LEVEL_SHARE, CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5, 1.0
 """Prior standard deviations: of the full battery's voltage, as a share of that from empty to full; of the fall per
@@ -57,13 +55,16 @@ class VoltageWatch:
             return
         resistance_ohm = max(battery.resistance_ohm, 1e-6)
         # y = V, x = 1 − b, z = I: a = V₀, b = −s, c = −R
-        stds = np.array([LEVEL_SHARE, CURVE_SHARE, RESISTANCE_SHARE])
         prior = Prior(
-            mean=np.array([battery.voltage_at(1.0), -self._rise_v, -resistance_ohm]),
-            information=1 / (stds * (self._rise_v, self._rise_v, resistance_ohm)) ** 2,
+            a=battery.voltage_at(1.0),
+            b=-self._rise_v,
+            c=-resistance_ohm,
+            information_a=1 / (LEVEL_SHARE * self._rise_v) ** 2,
+            information_b=1 / (CURVE_SHARE * self._rise_v) ** 2,
+            information_c=1 / (RESISTANCE_SHARE * resistance_ohm) ** 2,
             noise=WINDOW_S * (NOISE_SHARE * self._rise_v) ** 2,
         )
-        self._regression = Regression.started(prior)
+        self._regression = started(prior)
 
     @property
     def lost_std(self) -> float:
@@ -87,9 +88,8 @@ class VoltageWatch:
         # the window is full: its means go into the regression
         self._sums = 0.0, 0.0, 0.0, 0.0
         before, means = self._regression.steps, (volts / seconds, drawn / seconds, amps / seconds)
-        self._regression = self._regression.with_window(seconds, *means, STEP_SHARE * self._rise_v)
+        self._regression = with_window(self._regression, seconds, *means, STEP_SHARE * self._rise_v)
         # a lasting fall of V₀ by ΔV, where one was recognised, is a loss of ΔV/s
         fell_v = -self._regression.step
         if self._regression.steps > before and fell_v > 0:
-            slope_v = -float(self._regression.prior.mean[1])
-            self.lost = min(self.lost + fell_v / max(slope_v, MIN_SLOPE * self._rise_v), 1.0)
+            self.lost = min(self.lost + fell_v / max(-self._regression.prior.b, MIN_SLOPE * self._rise_v), 1.0)

@@ -83,7 +83,8 @@ SHORT = "simulate plans/survey.plan --scenario scenarios/survey.yaml --set time_
     ],
 )
 def test_a_command_imports_what_its_answer_needs(command, unused, root):
-    """None needs a room but for what it is asked: the log of a flight has the estimator of papers.
+    """None needs a room but for what it is asked: the log of a flight has the estimator of papers, a table of powers may
+    be a recording, which measure reads.
 
     A simple shift needs no sympy, a planner without a program no OSQP, a flight without files no figures.
     """
@@ -93,7 +94,7 @@ def test_a_command_imports_what_its_answer_needs(command, unused, root):
         "found = set(sys.argv[1].split()) & names; sys.exit(str(found) if found else 0)"
     )
     rooms = {"survey", "exchange", "live", "measure", "papers", "sweep", "report", "check"}
-    rooms -= {"papers"} if command.startswith("simulate") else set()
+    rooms -= {"simulate": {"papers"}, "profile": {"measure"}}.get(command.partition(" ")[0], set())
     words = [code, f"{unused} {' '.join(f'eadp.{room}' for room in rooms)}", *command.split()]
     done = subprocess.run([sys.executable, "-c", *words], capture_output=True, text=True, check=False, cwd=root)
     assert done.returncode == 0, done.stderr
