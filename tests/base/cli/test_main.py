@@ -83,8 +83,8 @@ SHORT = "simulate plans/survey.plan --scenario scenarios/survey.yaml --set time_
     ],
 )
 def test_a_command_imports_what_its_answer_needs(command, unused, root):
-    """None needs a room but for what it is asked: the log of a flight has the estimator of papers, a table of powers may
-    be a recording, which measure reads.
+    """None needs a room but for what it is asked: the log of a flight has the estimator of papers, and measure reads a
+    table of powers, which may be a recording.
 
     A simple shift needs no sympy, a planner without a program no OSQP, a flight without files no figures.
     """
