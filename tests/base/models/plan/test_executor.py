@@ -8,7 +8,7 @@ import math
 import pytest
 from common import ROOT
 from common.plans import WAVES, plan_of, survey
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
@@ -340,6 +340,7 @@ def touch_m(one, other):
 
 
 @given(decisions, events)
+@example(-1.0, ["next", "next", "next", "next", 0.0])
 def test_latched_stages_always_join(c1, happenings):
     itinerary = begun(survey(), (c1, 2.0))
     for event in [*happenings, *["next"] * 8]:
