@@ -27,8 +27,9 @@ SETTLED_S = 60.0
 upper one is flown first, and the lower one for the rest: it rises to the upper one if that can be flown for as long
 [s]."""
 
-NO_TIME_S = 1e-3
-"""A time that is rounding [s]."""
+EARLY_S, NO_TIME_S = 30.0, 1e-3
+"""Time from take-off in which computations do not fall for the margin alone: the deviation of the forecast halves in
+it; and a time that is rounding [s]."""
 
 LEAST_CHANGE_MPS = 1.0
 """Least rise of the pace, and least change of a stage's airspeed at the pace in force [m/s]."""
@@ -75,7 +76,7 @@ class Policy:
         """The computations to fly with now, and for how long [s], infinite for to the end; asking changes nothing.
 
         One of the two configurations around the power that can be sustained to the end, or the configuration in force
-        where a rise has to wait; see `SETTLED_S`.
+        where a rise or a fall has to wait; see `SETTLED_S` and `EARLY_S`.
 
         Parameters
         ----------
@@ -110,6 +111,10 @@ class Policy:
                 chosen = held
             # the lower one lasts to the end
             lasts_s = lasts_s if chosen > below else math.inf
+        if chosen < held and time_s < EARLY_S:
+            expected_soc = evaluation.final_charge(solution.filling).mean
+            if expected_soc >= evaluation.evaluator.objective.reserve_soc:
+                chosen, lasts_s = held, EARLY_S - time_s
         return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 

@@ -7,9 +7,9 @@ import pytest
 from common import few
 from common.forecasts import CALM, Forecasting, survey_inputs
 
-from eadp.planning.forecast.evaluate import Objective
+from eadp.planning.forecast.evaluate import Evaluator, Objective
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint.policy import SETTLED_S, Policy, sustained_w
+from eadp.planning.joint.policy import EARLY_S, SETTLED_S, Policy, sustained_w
 from eadp.planning.joint.program import Solution
 
 MIN_GAIN = 0.01
@@ -57,6 +57,20 @@ def test_charge_for_all_flies_the_highest_and_none_the_lowest(evaluation):
     assert flown(Policy(MIN_GAIN), evaluation, 1.5, 100.0, lowest) == highest
     assert flown(Policy(MIN_GAIN), evaluation, 0.0, 100.0, highest) == lowest
     assert flown(Policy(MIN_GAIN), evaluation, -0.1, 100.0, highest) == lowest, "infeasible"
+
+
+def test_computations_do_not_fall_at_once_for_the_margin_alone(evaluation):
+    lowest, *_, highest = rows_of(evaluation)
+
+    def with_reserve(soc):
+        found = replace(evaluation, evaluator=Evaluator.__new__(Evaluator))
+        vars(found.evaluator).update(vars(evaluation.evaluator), objective=Objective(soc, 0.5))
+        return found
+
+    assert flown(Policy(MIN_GAIN), with_reserve(-10.0), 0.0, EARLY_S - 1, highest) == highest
+    assert flown(Policy(MIN_GAIN), with_reserve(-10.0), 0.0, EARLY_S + 1, highest) == lowest
+    assert flown(Policy(MIN_GAIN), with_reserve(1.0), 0.0, EARLY_S - 1, highest) == lowest, "less is expected"
+    assert flown(Policy(MIN_GAIN), evaluation, 1.5, EARLY_S - 1, lowest) == highest, "they may rise"
 
 
 def test_sustained_power_uses_as_much_as_the_optimal_mix(evaluation):
