@@ -57,6 +57,9 @@ LOITER_TO_ALTITUDE = stage.LOITER_TO_ALTITUDE
 SPLINE, VTOL_TAKEOFF, VTOL_LAND = 82, 84, 85
 JUMP, CHANGE_SPEED, LAND_START, TRIGGER_DISTANCE = 177, 178, 189, stage.TRIGGER_DISTANCE
 
+DEFAULT_SPEED = -2.0
+"""A speed of MAV_CMD_DO_CHANGE_SPEED that stands for the aircraft's own airspeed."""
+
 HIGHEST_M = 1e5
 """Highest altitude, and greatest depth [m]."""
 

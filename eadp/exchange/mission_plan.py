@@ -34,8 +34,6 @@ SETTLING_S = 8.0
 """Time that an aircraft takes to hold an altitude once its climb ends [s]."""
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
-DEFAULT_SPEED = -2.0
-"""A speed that stands for the default airspeed, by MAVLink's MAV_CMD_DO_CHANGE_SPEED."""
 FAR_HOME_M = 20_000.0
 """Distance of the first waypoint from home beyond which home may be another place [m]."""
 SAME_POINT_DEG, SAME_POINT_M = 1e-9, 1e-6
@@ -150,7 +148,7 @@ class MissionPlan:
             self._fault(at[2], item, "no time or number of turns", "a number of 0 or more")
         if command == d.JUMP and math.isnan(p2):
             self._fault(at[3], item, "no number of repetitions", "a number, -1 for ever")
-        if command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 in (-1, 0, DEFAULT_SPEED) or 0.1 <= p2 <= 1000):
+        if command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 in (-1, 0, d.DEFAULT_SPEED) or 0.1 <= p2 <= 1000):
             expected = "one above 0, -1 for no change, or -2 for the default airspeed"
             self._fault(at[3], item, f"a speed of {p2:g} m/s", expected)
 
@@ -282,7 +280,7 @@ class MissionPlan:
         for index in order:
             item = self.draft.items[index]
             if item.command == d.CHANGE_SPEED and item.parameters[0] in (0, 1):
-                if item.parameters[1] == DEFAULT_SPEED:
+                if item.parameters[1] == d.DEFAULT_SPEED:
                     airspeed = None
                 elif item.parameters[1] > 0:
                     airspeed = item.parameters[1]
@@ -301,7 +299,7 @@ class MissionPlan:
                 # what is left of a climb that begins with the way there
                 left_m = max(abs(change_m) - rate_mps * way_s, 0.0)
                 if item.command == d.TAKEOFF:  # the climb goes on beyond it
-                    up_m += self._rate_mps(1.0) * way_s
+                    up_m = min(up_m + self._rate_mps(1.0) * way_s, math.inf if altitude is None else altitude)
                 else:
                     up_m = 0.0 if altitude is None else altitude - math.copysign(left_m, change_m)
                 if item.command == d.LOITER_TO_ALTITUDE and abs(change_m) > rate_mps * max(way_s - SETTLING_S, 0.0):

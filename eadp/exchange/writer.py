@@ -367,9 +367,9 @@ class _ItemBuilder:
     def _change_speed(self, section: Section) -> None:
         """Command the airspeed that is stated for a section, where it is another than before."""
         airspeed_mps = self.path.airspeed_of(section)
-        if airspeed_mps is not None and airspeed_mps != self._airspeed_mps:
+        if airspeed_mps != self._airspeed_mps:
             self._airspeed_mps = airspeed_mps
-            held_mps = round(airspeed_mps * self.path.calibrated, 6)
+            held_mps = d.DEFAULT_SPEED if airspeed_mps is None else round(airspeed_mps * self.path.calibrated, 6)
             self._command((d.CHANGE_SPEED, 0.0, held_mps, -1.0, 0.0, 0.0, 0.0, 0.0))
 
     def _command(self, command: Sequence[float]) -> None:

@@ -378,6 +378,15 @@ def test_the_take_off_has_a_pitch_and_the_mission_its_airspeed_from_the_start(to
     assert [(item.command, *item.parameters[:2]) for item in again] == [(22, 11.0, 0), (178, 0, 17)]
 
 
+def test_an_airspeed_that_ends_is_commanded_and_read_back():
+    *rows, path, trigger = LINES.splitlines(keepends=True)
+    plan, _ = read_plan(Text("p", "".join(["%: airspeed 18\n", *rows, "%: airspeed default\n", path, trigger])))
+    commanded = [item.parameters[1] for item in mission_items(path_of(plan)) if item.command == 178]
+    assert commanded == [18, -2]
+    back, _ = read_back(path_of(plan), "ardupilot")
+    assert (back.stages[0].airspeed_mps, back.stages[-1].airspeed_mps) == (18, None)
+
+
 # --- maps and Paparazzi -----------------------------------------------------------------------------------------------
 
 

@@ -19,7 +19,9 @@ from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import InputError
 from eadp.exchange.items import ITEMS_LIMIT, MOTIONLESS, NAMES
 from eadp.exchange.mission_plan import LOITER_RADIUS_M
+from eadp.io.plan.reader import read_plan
 from eadp.io.plan.sources import PlanReader
+from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
 from eadp.models.plan.trace import nominal_legs
 
@@ -196,6 +198,14 @@ def test_a_loiter_to_an_altitude_lasts_as_long_as_the_climb():
     assert circling <= 15 * climb_s + 2 * math.pi * 60
 
 
+def test_a_far_take_off_ends_its_climb_at_its_altitude():
+    plan, _ = read(
+        wpl(item(22, north=3000, altitude=50), item(31, 0, 60, east=0, north=3150, altitude=50), waypoint(0, 4000))
+    )
+    circling = sum(leg.length_m for leg in nominal_legs(plan, ()) if leg.stage.kind == "circle")
+    assert circling <= 2 * math.pi * 60
+
+
 def test_altitudes_are_above_home_whatever_their_frame():
     items = [
         waypoint(300, 0, altitude=450, frame=0), waypoint(600, 0, altitude=70, frame=6),
@@ -339,6 +349,8 @@ def test_speeds_that_change_nothing_or_return_to_the_default():
     assert (speeds["item 1"], speeds["item 5"]) == (None, None)
     assert speeds["item 3"] > 19
     assert findings == []
+    again, _ = read_plan(Text("p", plan_text(plan)))
+    assert [stage.airspeed_mps for stage in again.stages] == [stage.airspeed_mps for stage in plan.stages]
     plan, _ = read(wpl(waypoint(300, 0), item(178, 0, 0), waypoint(300, 300)))
     assert {stage.airspeed_mps for stage in plan.stages} == {None}
 

@@ -315,15 +315,22 @@ HEADERS: dict[str, Header] = dict(
 REPEATED = ("field", "hole", "avoid", "inside")
 """Those that may stand more than once: parts of the field, holes in each, obstacles, outlines of the boundary."""
 
+DEFAULT = "default"
+"""The value of the header `airspeed` from which on it is the aircraft's own again."""
+
+
+def _airspeed(text: str) -> float | None:
+    if text.strip() == DEFAULT:
+        return None
+    return read_number(text, "an airspeed from 0.1 to 1000 m/s, or default", lambda v: 0.1 <= v <= 1000)
+
+
 STAGE_HEADERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "altitude": (
         "altitude_m",
         partial(read_number, expected="an altitude within ±1e5 m", valid=lambda v: abs(v) <= 1e5),
     ),
-    "airspeed": (
-        "airspeed_mps",
-        partial(read_number, expected="an airspeed from 0.1 to 1000 m/s", valid=lambda v: 0.1 <= v <= 1000),
-    ),
+    "airspeed": ("airspeed_mps", _airspeed),
     "command": ("commands", partial(numbers, count=8, expected="a command and its seven parameters")),
 }
 """Headers before a stage, and the attribute of it: the first two hold from there on, a command for that stage."""

@@ -122,7 +122,7 @@ class _Reader:
         self._section = ""
         self._groups: list[_Group] = []
         self._numbered = 0
-        self._flown: dict[str, float] = {}
+        self._flown: dict[str, float | None] = {}
         self._commands: list[tuple[float, ...]] = []
 
     @property
@@ -391,10 +391,10 @@ class _Reader:
         if key in STAGE_HEADERS:
             attribute, read = STAGE_HEADERS[key]
             value = self._attempt(own, 0, "", partial(read, own.text))
-            if value is not None and key == "command":
-                self._commands.append(value)
-            elif value is not None:
+            if key != "command":
                 self._flown[attribute] = value
+            elif value is not None:
+                self._commands.append(value)
         elif key not in HEADERS:
             known = ", ".join((*HEADERS, *STAGE_HEADERS))
             message = f"unknown header {printable(key, 40)}; expected one of {known}"

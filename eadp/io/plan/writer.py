@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from eadp.core.expressions.tree import Expression, number_text
 from eadp.errors import InputError
-from eadp.io.plan.headers import header_lines
+from eadp.io.plan.headers import DEFAULT, header_lines
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PointExpression, Segment, Stage
 
@@ -60,8 +60,8 @@ def _stage_lines(plan: Plan, stage: Stage, path: Expression, trigger: PointExpre
     headers = []
     for key, name in (("altitude", "altitude_m"), ("airspeed", "airspeed_mps")):
         value = getattr(stage, name)
-        if value is not None and value != getattr(before, name, None):
-            headers.append(f"%: {key} {number_text(value)}")
+        if value != getattr(before, name, None):
+            headers.append(f"%: {key} {DEFAULT if value is None else number_text(value)}")
     headers += [f"%: command {' '.join(map(number_text, command))}" for command in stage.commands]
     return [
         *headers,
