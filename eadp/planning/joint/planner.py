@@ -46,7 +46,7 @@ from eadp.planning.forecast.evaluate import LAST_CHANGE_S, ROUNDING, Evaluation,
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import can_fall, home_spare, latest_turn_back
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint.policy import SETTLED_S, Places, Policy
+from eadp.planning.joint.policy import EARLY_S, SETTLED_S, Places, Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
@@ -106,6 +106,13 @@ class Candidate(NamedTuple):
         """The same path at the pace that leaves the most charge, where the airspeed is decided."""
         evaluation = self.evaluation.thriftiest or self.evaluation
         return Candidate(self.shares, evaluation, Solution(evaluation.filled(), ""), self.thriftiest_mps)
+
+    @property
+    def with_later_margin(self) -> Candidate:
+        """The same, feasible already where it is with the smaller margin of what can still change."""
+        least = self.evaluation.thriftiest or self.evaluation
+        evaluation = replace(self.evaluation, thriftiest=replace(least, knapsack=least.later))
+        return self._replace(evaluation=evaluation, solution=Solution(fill_greedy(evaluation.adaptive), ""))
 
     @property
     def left_over(self) -> float:
@@ -264,10 +271,24 @@ class JointPlanner(Planner):
         if not self._paced:
             return self._search_path(known, kept)
         shares = self._places.shares
-        found = self._search_path(known, kept and kept.at_thriftiest) if self._places.open else None
+        least = kept and kept.at_thriftiest
+        found = self._search_path(known, least) if self._places.open else None
         if found is None:
             return self._decide_pace(known, shares)
+        if least is not None and self._stays_early(known, least, found):
+            stays = self._decide_pace(known, shares, found.in_reach)
+            return stays and stays.with_later_margin
         return self._decide_pace(known, found.shares, found.in_reach)
+
+    def _stays_early(self, known: Known, least: Candidate, found: Candidate) -> bool:
+        """Whether a path that another is to replace stays while it is in reach, as computations do; see `EARLY_S`.
+
+        Not in the forecast before take-off, which is of what can be promised.
+        """
+        if not 0 < known.time_s < EARLY_S or self._losses > 0 or found.shares == least.shares:
+            return False
+        later = fill_greedy(least.evaluation.later)
+        return bool(later.feasible[0]) and float(later.value[0]) > found.solution.value
 
     def _decide_pace(self, known: Known, shares: Shares, in_reach: float = -math.inf) -> Candidate | None:
         """The plan at a place and the best pace; None where it cannot be flown.
