@@ -65,6 +65,7 @@ def cases() -> list[Case]:
     wind = {"wind.speed_mps": 5, "wind.from_deg": 180}
     gusts = {"wind.speed_mps": 4, "wind.from_deg": 40, "wind.gust_std_mps": 1.2, "seed": 3}
     fixed = {"vehicle.airframe.model": "fixed-wing"}
+    ranged = {**fixed, "vehicle.airframe.airspeed_range_mps": [10, 15]}
     faults = {"faults": [{"at_s": 93, "soc_drop": 0.06}, {"at_s": 270, "soc_drop": 0.09}]}
     noisy = {"sensors.power_noise_w": 1.0, "sensors.position_noise_m": 1.0, "sensors.soc_noise": 0.003}
     limits = {"battery.max_c_rate": 9, "battery.cutoff_voltage_v": 13.2, "battery.resistance_ohm": 0.2}
@@ -81,6 +82,7 @@ def cases() -> list[Case]:
         Case("survey changed live", "survey", {**SMALL, "parameter_changes": "live"}),
         Case("blocks", "oblong", {"battery.capacity_ah": 1.0}),
         Case("blocks in gusts", "corner", {"battery.capacity_ah": 1.2, **gusts, **fixed}),
+        Case("blocks at an airspeed decided", "corner", {"battery.capacity_ah": 1.2, **ranged, **wind}),
         Case("slow blocks", "corner", {"battery.capacity_ah": 2.0, "vehicle.airframe.airspeed_mps": 14, **wind}),
         Case("climbs", "climbs", {"battery.capacity_ah": 0.8, **fixed, **wind}),
         Case("two computations", "two", {"battery.capacity_ah": 0.6, **wind}, "two"),

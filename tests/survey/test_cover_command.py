@@ -416,3 +416,18 @@ def test_pictures_are_taken_on_the_line_alone(eadp, box):
     assert led["lead_in_m"] == 60
     on = [line for line in led["plan"].splitlines() if line.startswith("%: command 206")]
     assert len(on) == 2 * led["lines"] - 1  # the path ends with a line
+
+
+@pytest.mark.slow
+def test_a_pack_too_small_at_cruise_flies_every_line_slower(eadp, tmp_path):
+    """README's field and camera: at 15 m/s the first two of these packs have 0.00 and 0.39."""
+    plan, wing = tmp_path / "meadow.plan", "vehicles/foam-wing.yaml"
+    camera = {"--gsd": 1.4, "--camera": "canon-sx260", "--side-overlap": "70:55", "--forward-overlap": 75}
+    given = ("--vehicle", wing, "--wind", "4,240", "--pattern", "zamboni", *flags(camera))
+    assert eadp("cover", "plans/meadow.geojson", *given, "-o", plan).code == 0
+    for pack_ah, quality in (("1.2", 0.35), ("1.5", 0.99), ("1.8", 1.0)):
+        keys = {"battery.capacity_ah": pack_ah, "wind.speed_mps": 4, "wind.from_deg": 240, "vehicle": wing}
+        sets = [part for key, value in keys.items() for part in ("--set", f"{key}={value}")]
+        flight = json.loads(eadp("simulate", plan, *sets, "--format", "json").out)
+        assert flight["reserve_kept"]
+        assert flight["quality"] >= quality
