@@ -381,65 +381,67 @@ def fit_power(
     window = _Windows(t)
     if len(window.times_s) < MIN_WINDOWS:
         raise Infeasible(f"{len(window.times_s)} windows of {WINDOW_S:g} s in flight; {MIN_WINDOWS} or more are needed")
-    middle = float(np.median(speed))
+    median_mps = float(np.median(speed))
     low, high = (float(v) for v in np.percentile(speed, (5, 95)))
-    mean_w, sink = window.mean(watts), window.mean(climb)
+    mean_w, climbing_mps = window.mean(watts), window.mean(climb)
     # ḣ + V V̇/g
-    rise = sink + window.mean(np.gradient(speed**2, t)) / (2 * GRAVITY_MPS2)
-    flown = (sink > -MAX_SINK_MPS) & (mean_w > IDLE_SHARE * np.median(mean_w))
-    if np.count_nonzero(flown) < MIN_WINDOWS:
-        raise Infeasible(f"{np.count_nonzero(flown)} windows with the motor running; {MIN_WINDOWS} or more are needed")
+    rising_mps = climbing_mps + window.mean(np.gradient(speed**2, t)) / (2 * GRAVITY_MPS2)
+    motor_on = (climbing_mps > -MAX_SINK_MPS) & (mean_w > IDLE_SHARE * np.median(mean_w))
+    if np.count_nonzero(motor_on) < MIN_WINDOWS:
+        raise Infeasible(
+            f"{np.count_nonzero(motor_on)} windows with the motor running; {MIN_WINDOWS} or more are needed"
+        )
     notes = []
-    turned = window.mean(np.tan(np.clip(bank, -1.4, 1.4)) ** 2 * middle / speed)
+    bank_load = window.mean(np.tan(np.clip(bank, -1.4, 1.4)) ** 2 * median_mps / speed)
     polar = high / low >= MIN_SPREAD
     if bank_rad is None or np.percentile(np.abs(bank), 95) < MIN_BANK_RAD:
         notes.append("the rise with bank: " + ("no bank in the log" if bank_rad is None else "no turns in the log"))
-        turned = np.zeros_like(turned)
+        bank_load = np.zeros_like(bank_load)
     if climb_mps is None:
         notes.append("the rise with climb: no climb or altitude in the log; it is that of the airspeed's changes")
     if not polar:
         notes.append(f"the drag polar: airspeeds from {low:.3g} to {high:.3g} m/s; a ratio of {MIN_SPREAD:g} is needed")
-    columns = {"climb_w_per_mps": rise, **_drag_columns(window, speed / middle, turned, polar=polar)}
+    columns = {"climb_w_per_mps": rising_mps, **_drag_columns(window, speed / median_mps, bank_load, polar=polar)}
     fixed = (constant_w or 0.0) if polar else 0.0
     if polar and constant_w is None:
         columns["constant_w"] = np.ones_like(mean_w)
-    table = np.stack(list(columns.values()), axis=1)[flown]
-    fit = regressed(table, mean_w[flown] - fixed, window.times_s[flown])
-    value: dict[str, float] = dict(zip(columns, fit.values.tolist(), strict=True))
-    beside = {"climb_w_per_mps"} if polar else {"climb_w_per_mps", "induced_w"}
-    level = np.array([float(name not in beside) for name in columns])
+    table = np.stack(list(columns.values()), axis=1)[motor_on]
+    fit = regressed(table, mean_w[motor_on] - fixed, window.times_s[motor_on])
+    coefficients: dict[str, float] = dict(zip(columns, fit.values.tolist(), strict=True))
+    not_level = {"climb_w_per_mps"} if polar else {"climb_w_per_mps", "induced_w"}
+    level = np.array([float(name not in not_level) for name in columns])
     stds = {name: max(fit.std(i), math.sqrt(fit.first_order[i, i])) for i, name in enumerate(columns)}
     stds["level_w"] = math.sqrt(max(float(level @ each @ level) for each in (fit.covariance, fit.first_order)))
-    if polar and (value["parasitic_w"] <= 0 or value["induced_w"] <= 0):
+    if polar and (coefficients["parasitic_w"] <= 0 or coefficients["induced_w"] <= 0):
         notes.append("the drag polar: the power does not have its form; windows or airspeeds are too few")
 
     climbs, turns = "the rise with climb [W s/m]", "the rise with tan² of the bank [W]"
-    climb_w = _significant("climb_w_per_mps", climbs, value, stds, notes)
-    bank_w = _significant("induced_w", turns, value, stds, notes) if turned.any() else None
+    climb_w = _significant("climb_w_per_mps", climbs, coefficients, stds, notes)
+    bank_w = _significant("induced_w", turns, coefficients, stds, notes) if bank_load.any() else None
     return PowerFit(
-        middle,
-        (low, high),
-        polar,
-        value["parasitic_w"],
-        value.get("induced_w", 0.0),
-        value.get("constant_w", fixed),
-        climb_w,
-        bank_w,
-        stds,
-        fit.rms,
-        fit.correlation_s,
-        int(np.count_nonzero(flown)),
-        int(np.count_nonzero(~flown)),
-        tuple(notes),
+        airspeed_mps=median_mps,
+        speeds_mps=(low, high),
+        polar=polar,
+        parasitic_w=coefficients["parasitic_w"],
+        induced_w=coefficients.get("induced_w", 0.0),
+        constant_w=coefficients.get("constant_w", fixed),
+        climb_w_per_mps=climb_w,
+        bank_w=bank_w,
+        stds=stds,
+        rms_w=fit.rms,
+        correlation_s=fit.correlation_s,
+        windows=int(np.count_nonzero(motor_on)),
+        idle=int(np.count_nonzero(~motor_on)),
+        notes=tuple(notes),
     )
 
 
-def _drag_columns(window: _Windows, ratio: FloatArray, turned: FloatArray, *, polar: bool) -> dict[str, FloatArray]:
+def _drag_columns(window: _Windows, ratio: FloatArray, bank_load: FloatArray, *, polar: bool) -> dict[str, FloatArray]:
     """Regressors of the drag's power: the polar's, or a power of the airspeed where that is not identified."""
     if polar:
-        return {"parasitic_w": window.mean(ratio**3), "induced_w": window.mean(1 / ratio) + turned}
+        return {"parasitic_w": window.mean(ratio**3), "induced_w": window.mean(1 / ratio) + bank_load}
     columns = {"parasitic_w": window.mean(ratio**SLOPE)}
-    return {**columns, "induced_w": turned} if turned.any() else columns
+    return {**columns, "induced_w": bank_load} if bank_load.any() else columns
 
 
 def _significant(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from statistics import NormalDist
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le, Len, Lt
@@ -307,26 +307,39 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
 # --- the design, and checks beyond the schema
 
 
-def _varied_keys(keys: SweepKeys) -> Iterator[tuple[str, KeyPath, list[Any], KeyPath]]:
-    """Every varied key and its location; its listed values, of a distribution its bounds or its mean, and theirs."""
+class VariedKey(NamedTuple):
+    """A key that is varied, and where it stands.
+
+    `values` are those listed; of a distribution its bounds or its mean, which the scenario's schema has to take, too.
+    """
+
+    name: str
+    location: KeyPath
+    values: list[Any]
+    values_location: KeyPath
+
+
+def _varied_keys(keys: SweepKeys) -> Iterator[VariedKey]:
     for part in ("grid", "zip"):
-        yield from ((name, (part, name), values, (part, name)) for name, values in getattr(keys, part).items())
+        for name, values in getattr(keys, part).items():
+            yield VariedKey(name, (part, name), values, (part, name))
     for name, drawn in keys.sample.keys.items() if keys.sample else ():
         location = ("sample", "keys", name)
-        law = (drawn.given or ["choice"])[-1]
+        law = (drawn.given or ["choice"])[-1]  # of several, or none, it is a fault elsewhere
         values = getattr(drawn, law) or []
-        yield name, location, values[:1] if law == "normal" else values, (*location, law)
+        # the second of a normal distribution is its deviation
+        yield VariedKey(name, location, values[:1] if law == "normal" else values, (*location, law))
 
 
 def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, KeyPath]]:
     """Every listed value of a varied key, with its location."""
-    for name, _, values, location in _varied_keys(keys):
-        yield from ((name, value, (*location, i)) for i, value in enumerate(values))
+    for key in _varied_keys(keys):
+        yield from ((key.name, value, (*key.values_location, i)) for i, value in enumerate(key.values))
 
 
 def _faults(keys: SweepKeys, document: Document) -> list[Fault]:
     faults = [*_name_faults(keys, document), *_zip_faults(keys, document), *_sample_faults(keys, document)]
-    names = {name for name, *_ in _varied_keys(keys)}
+    names = {key.name for key in _varied_keys(keys)}
     if keys.plan is None and "plan" not in names:
         faults.append(document.fault((), "no plan to fly", "plan: FILE"))
     if keys.seeds is not None and "seed" in names:
