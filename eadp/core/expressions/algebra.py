@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -47,6 +48,7 @@ def to_sympy(node: Node) -> Any:
     """
     sympy = load_sympy()
     functions = {name: getattr(sympy, {"abs": "Abs", "min": "Min", "max": "Max"}.get(name, name)) for name in FUNCTIONS}
+    functions |= {tree.NEGATIVE: operator.neg, tree.POWER: sympy.Pow}
 
     def build(part: Node) -> Any:
         if isinstance(part, tree.Number):
@@ -57,10 +59,6 @@ def to_sympy(node: Node) -> Any:
             return sympy.Add(*[-build(term) if minus else build(term) for minus, term in part.terms])
         if isinstance(part, tree.Product):
             return sympy.Mul(*[1 / build(factor) if divides else build(factor) for divides, factor in part.factors])
-        if isinstance(part, tree.Power):
-            return sympy.Pow(build(part.base), build(part.exponent))
-        if isinstance(part, tree.Negative):
-            return -build(part.operand)
         return functions[part.function](*[build(argument) for argument in part.arguments])
 
     return build(node)
@@ -87,19 +85,19 @@ def expanded(node: Node) -> _Expanded:
         parts.append(expanded(part))
     if isinstance(node, tree.Sum):
         return _summed([(-1 if minus else 1, part) for (minus, _), part in zip(node.terms, parts, strict=True)])
-    if isinstance(node, tree.Negative):
-        return _summed([(-1, parts[0])])
     if isinstance(node, tree.Product):
         factors = [_inverse(part) if divides else part for (divides, _), part in zip(node.factors, parts, strict=True)]
         return functools.reduce(_times, factors)
-    if isinstance(node, tree.Power):
+    if isinstance(node, tree.Symbol):
+        return {(node.name,): Fraction(1)}
+    if node.function == tree.NEGATIVE:
+        return _summed([(-1, parts[0])])
+    if node.function == tree.POWER:
         exponent = parts[1].get((), 0)
         if parts[1].keys() <= {()} and exponent in range(DEGREE_KEPT + 1):
             return functools.reduce(_times, [parts[0]] * int(exponent), {(): Fraction(1)})
         return {(f"(({_text(parts[0])})^({_text(parts[1])}))",): Fraction(1)}
-    if isinstance(node, tree.Call):
-        return {(f"{node.function}({', '.join(map(_text, parts))})",): Fraction(1)}
-    return {(node.name,): Fraction(1)}
+    return {(f"{node.function}({', '.join(map(_text, parts))})",): Fraction(1)}
 
 
 def _summed(parts: Sequence[tuple[int | Fraction, _Expanded]]) -> _Expanded:
@@ -162,17 +160,12 @@ def _degree(node: Node) -> float:
         parts.append(_degree(part))
     if isinstance(node, tree.Product):
         return sum(parts)
-    if isinstance(node, tree.Power):
-        return parts[0] * _power(node)
+    if isinstance(node, tree.Call) and node.function == tree.POWER:
+        try:
+            return parts[0] * max(1.0, abs(tree.evaluation(node.arguments[1])({})))
+        except (KeyError, ArithmeticError, ValueError):  # an exponent that is no number
+            return parts[0]
     return max(parts, default=1.0)
-
-
-def _power(node: tree.Power) -> float:
-    """What a power does to the degree of its base: 1 where the exponent is no number."""
-    try:
-        return max(1.0, abs(tree.evaluation(node.exponent)({})))
-    except (KeyError, ArithmeticError, ValueError):
-        return 1.0
 
 
 def from_sympy(result: Any) -> Expression:

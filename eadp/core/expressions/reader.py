@@ -159,7 +159,7 @@ class _Reader:
         self._depth -= 1
         if sign.text == "+":
             return part
-        return _joined(sign.offset, tree.Negative(part.node), [part])
+        return _joined(sign.offset, tree.Call(tree.NEGATIVE, (part.node,)), [part])
 
     def _power(self) -> _Part:
         base = self._atom()
@@ -168,7 +168,7 @@ class _Reader:
         offset = self._deeper().offset
         exponent = self._unary()
         self._depth -= 1
-        return _joined(offset, tree.Power(base.node, exponent.node), [base, exponent])
+        return _joined(offset, tree.Call(tree.POWER, (base.node, exponent.node)), [base, exponent])
 
     def _atom(self) -> _Part:
         token = self.token
