@@ -30,7 +30,7 @@ from eadp.exchange.autopilot import (
 )
 from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START
 from eadp.exchange.path import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
-from eadp.exchange.writer import EXPORTS, FENCED, files_beside, items_text, mapped_items, mission_items, writer_of
+from eadp.exchange.writer import EXPORTS, files_beside, items_text, mapped_items, mission_items, writer_of
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import parameters_of
 from eadp.io.scenario import override_texts, read_overrides, read_scenario
@@ -222,7 +222,7 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         if any(stage.altitude_m is None for stage in plan.stages):
             whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
             note(f"altitude {altitude_m:g} m, {whose}; --altitude sets another", "note" if known else "warning")
-    if any(plan.site.airspace) and to not in FENCED:
+    if any(plan.site.airspace) and to not in WITH_ITEMS:
         note(f"obstacles and boundary are not in the format {to}")
     if plan.site.ground_m is not None and options.home_deg is not None:
         message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"

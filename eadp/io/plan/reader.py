@@ -25,7 +25,7 @@ from eadp.io.text.streams import SourceText, Text
 from eadp.models.airspace import Airspace, Field
 from eadp.models.plan.plan import Finding, Plan, ShortForm, Site
 from eadp.models.plan.stage import ROTATIONS, Box, LoopVariable, PointExpression, Segment, Stage, Title
-from eadp.models.plan.structure import equal, find_structure, header_disagrees, moves_with, tidy
+from eadp.models.plan.structure import equal, find_structure, moves_with, shifts_agree, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
@@ -571,7 +571,7 @@ class _Reader:
 
     def _compare_header(self, plan: Plan) -> None:
         """A warning where the shift on the first line is neither that of the stages nor its opposite."""
-        if plan.header_shift is None or plan.shift is None or not header_disagrees(plan):
+        if plan.header_shift is None or plan.shift is None or shifts_agree(plan.header_shift, plan.shift):
             return
         message = (
             f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "

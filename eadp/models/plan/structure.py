@@ -109,15 +109,10 @@ def _lap_pairs(plan: Plan) -> list[tuple[_PathTrigger, _PathTrigger]]:
     ]
 
 
-def header_disagrees(plan: Plan) -> bool:
-    """Whether the file's first line says a shift that the stages' is neither, nor the opposite of."""
-    if plan.header_shift is None or plan.shift is None:
-        return False
-    dx, dy = plan.shift
-    hx, hy = plan.header_shift
-    same = equal(hx, dx) and equal(hy, dy)
-    opposite = _opposite(hx, dx) and _opposite(hy, dy)
-    return not (same or opposite)
+def shifts_agree(stated: PointExpression, found: PointExpression) -> bool:
+    """Whether the shift that a file's first line states is that of the stages, or its opposite."""
+    opposite = [difference(constant(0.0), part) for part in found]
+    return any(all(map(equal, stated, parts)) for parts in (found, opposite))
 
 
 def equal(a: Expression, b: Expression, *, unknown: bool = True) -> bool:
@@ -129,10 +124,6 @@ def equal(a: Expression, b: Expression, *, unknown: bool = True) -> bool:
     none = Fraction(0)
     within = TOLERANCE * (1 + max(map(abs, one.values()), default=none))
     return all(abs(one.get(each, none) - other.get(each, none)) <= within for each in one.keys() | other.keys())
-
-
-def _opposite(a: Expression, b: Expression) -> bool:
-    return equal(a, difference(constant(0.0), b))
 
 
 def tidy(expression: Expression) -> Expression:
