@@ -36,8 +36,6 @@ LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
 DEFAULT_SPEED = -2.0
 """A speed that stands for the default airspeed, by MAVLink's MAV_CMD_DO_CHANGE_SPEED."""
-FAR_HOME_M = 20_000.0
-"""Distance of the first waypoint from home beyond which home may be another place [m]."""
 SAME_POINT_DEG, SAME_POINT_M = 1e-9, 1e-6
 
 _POSITIONED = frozenset((
@@ -400,7 +398,7 @@ class MissionPlan:
         last = visits[-1].item
         if last.command in (d.LAND, d.RETURN):
             stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
-        self._doubt_places(visits)
+        self._doubt_heights(visits)
         shortest_m = min(piece.length_m for _, piece in path.pieces)
         return Plan(
             name=self.source.name,
@@ -490,13 +488,8 @@ class MissionPlan:
             )
         return stages
 
-    def _doubt_places(self, visits: Sequence[_Visit]) -> None:
-        """Find a home that may be another place, and waypoints that have no height."""
-        far_m = math.hypot(*visits[0].target.centre_m)
-        if far_m > FAR_HOME_M:
-            item = visits[0].item
-            message = f"home is {far_m / 1000:.0f} km from {item.label}: it may be that of another place"
-            self._find(self.draft.home_location, "far-home", message)
+    def _doubt_heights(self, visits: Sequence[_Visit]) -> None:
+        """Find waypoints that have no height."""
         placed = [each for each in visits if each.item.command in _POSITIONED - _LANDS and each.altitude_m is not None]
         if placed and all(each.altitude_m == 0 for each in placed):
             message = f"{placed[0].item.label}: every waypoint is 0 m above home: altitudes may be missing"

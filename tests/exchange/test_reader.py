@@ -366,10 +366,9 @@ def test_a_longitude_beyond_180_counts_on():
     assert ends(read(body + place.format(180.004))[0]) == ends(read(body + place.format(-179.996))[0])
 
 
-def test_places_that_are_doubtful():
+def test_heights_that_are_doubtful_and_a_jump_too_often():
     flat = [waypoint(300, 0, altitude=0), waypoint(300, 300, altitude=0)]
     assert [finding.code for finding in read(wpl(*flat))[1]] == ["no-altitude"]
-    assert [finding.code for finding in read(wpl(waypoint(30_000, 0), waypoint(30_300, 0)))[1]] == ["far-home"]
     jump = [waypoint(300 * (i % 2), 300 * i) for i in range(20)]
     assert "as item 21 jumps back 400 times" in fault_of(wpl(*jump, item(177, 1, 400))).message
 
@@ -468,9 +467,7 @@ def test_commands_without_motion_are_mavlinks():
 def test_rows_are_numbered_by_their_order_whatever_their_index():
     good = wpl(*GOOD)
     for index in ("7", "1"):
-        plan, (finding,) = read(good.replace("\n2\t", f"\n{index}\t"))
-        assert ends(plan) == ends(read(good)[0])
-        assert f"the index {index} in row 2" in finding.message
+        assert ends(read(good.replace("\n2\t", f"\n{index}\t"))[0]) == ends(read(good)[0])
     assert ends(read(good.replace("\t0\t47.0", "\tNaN\t47.0"))[0]) == ends(read(good)[0])
 
 
