@@ -56,9 +56,9 @@ def to_sympy(node: Node) -> Any:
         if isinstance(part, tree.Symbol):
             return sympy.pi if part.name == "pi" else sympy.Symbol(part.name, real=True)
         if isinstance(part, tree.Sum):
-            return sympy.Add(*[-build(term) if minus else build(term) for minus, term in part.terms])
+            return sympy.Add(*[-build(term) if minus else build(term) for minus, term in part.parts])
         if isinstance(part, tree.Product):
-            return sympy.Mul(*[1 / build(factor) if divides else build(factor) for divides, factor in part.factors])
+            return sympy.Mul(*[1 / build(factor) if divides else build(factor) for divides, factor in part.parts])
         return functions[part.function](*[build(argument) for argument in part.arguments])
 
     return build(node)
@@ -84,9 +84,9 @@ def expanded(node: Node) -> _Expanded:
     for part in tree.children(node):  # a plain loop: a comprehension would double the depth of the stack
         parts.append(expanded(part))
     if isinstance(node, tree.Sum):
-        return _summed([(-1 if minus else 1, part) for (minus, _), part in zip(node.terms, parts, strict=True)])
+        return _summed([(-1 if minus else 1, part) for (minus, _), part in zip(node.parts, parts, strict=True)])
     if isinstance(node, tree.Product):
-        factors = [_inverse(part) if divides else part for (divides, _), part in zip(node.factors, parts, strict=True)]
+        factors = [_inverse(part) if divides else part for (divides, _), part in zip(node.parts, parts, strict=True)]
         return functools.reduce(_times, factors)
     if isinstance(node, tree.Symbol):
         return {(node.name,): Fraction(1)}

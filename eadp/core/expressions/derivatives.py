@@ -162,13 +162,13 @@ class _Writer:
         if isinstance(node, tree.Symbol):
             return _Jet("x", "1.0", None) if node.name == "x" else _Jet("y", None, "1.0")
         if isinstance(node, tree.Sum):
-            jet = self.jet(node.terms[0][1])
-            for minus, term in node.terms[1:]:
+            jet = self.jet(node.parts[0][1])
+            for minus, term in node.parts[1:]:
                 jet = _each(self.subtract if minus else self.add, jet, self.jet(term))
             return jet
         if isinstance(node, tree.Product):
-            jet = self.jet(node.factors[0][1])
-            for divides, factor in node.factors[1:]:
+            jet = self.jet(node.parts[0][1])
+            for divides, factor in node.parts[1:]:
                 other = self.jet(factor)
                 jet = self._multiply(jet, self._reciprocal(other) if divides else other)
             return jet

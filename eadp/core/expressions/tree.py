@@ -68,14 +68,14 @@ class Symbol:
 class Sum:
     """Terms with whether each is subtracted; the first never is."""
 
-    terms: tuple[tuple[bool, Node], ...]
+    parts: tuple[tuple[bool, Node], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Product:
     """Factors with whether each divides, from left to right; the first never does."""
 
-    factors: tuple[tuple[bool, Node], ...]
+    parts: tuple[tuple[bool, Node], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,9 +189,9 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
                 offsets.setdefault(name, offset)
             return value.node
         if isinstance(node, Sum):
-            return Sum(tuple([_joined(minus, term, build(term)) for minus, term in node.terms]))
+            return Sum(tuple([_joined(minus, term, build(term)) for minus, term in node.parts]))
         if isinstance(node, Product):
-            return Product(tuple([(divides, build(factor)) for divides, factor in node.factors]))
+            return Product(tuple([(divides, build(factor)) for divides, factor in node.parts]))
         if isinstance(node, Call):
             return Call(node.function, tuple([build(argument) for argument in node.arguments]))
         return node
@@ -234,10 +234,8 @@ def constant_value(node: Node, values: Sequence[float | None], offset: int) -> f
         message = f"a constant exponent of {exponent:g}"
         raise ExpressionError(offset, message, f"an exponent from -{EXPONENT_LIMIT} to {EXPONENT_LIMIT}")
     known = [value for value in values if value is not None]
-    if isinstance(node, Sum):  # sums and products are checked over their constant parts
-        node = Sum(tuple([term for term, value in zip(node.terms, values, strict=True) if value is not None]))
-    elif isinstance(node, Product):
-        node = Product(tuple([part for part, value in zip(node.factors, values, strict=True) if value is not None]))
+    if isinstance(node, Sum | Product):  # checked over their constant parts
+        node = type(node)(tuple([part for part, value in zip(node.parts, values, strict=True) if value is not None]))
     elif len(known) < len(values):
         return None
     try:
@@ -314,12 +312,12 @@ def _combined(node: Node, values: Sequence[float]) -> float:
     """Value of a node from the values of its parts."""
     if isinstance(node, Sum):
         total = 0.0
-        for (minus, _), value in zip(node.terms, values, strict=True):
+        for (minus, _), value in zip(node.parts, values, strict=True):
             total = total - value if minus else total + value
         return total
     if isinstance(node, Product):
         product = 1.0
-        for (divides, _), value in zip(node.factors, values, strict=True):
+        for (divides, _), value in zip(node.parts, values, strict=True):
             product = product / value if divides else product * value
         return product
     assert isinstance(node, Call)
@@ -342,10 +340,8 @@ def nodes(node: Node) -> Iterator[tuple[Node, int]]:
 
 def children(node: Node) -> tuple[Node, ...]:
     """The parts of a node, from left to right."""
-    if isinstance(node, Sum):
-        return tuple(term for _, term in node.terms)
-    if isinstance(node, Product):
-        return tuple(factor for _, factor in node.factors)
+    if isinstance(node, Sum | Product):
+        return tuple(part for _, part in node.parts)
     if isinstance(node, Call):
         return node.arguments
     return ()
@@ -373,13 +369,13 @@ def _text(node: Node, level: int) -> str:
     if isinstance(node, Symbol):
         return node.name
     if isinstance(node, Sum):
-        text = _text(node.terms[0][1], _TERM)
-        for minus, term in node.terms[1:]:
+        text = _text(node.parts[0][1], _TERM)
+        for minus, term in node.parts[1:]:
             text += (" - " if minus else " + ") + _text(term, _TERM)
         return f"({text})" if level > _LOOSE else text
     if isinstance(node, Product):
-        text = _text(node.factors[0][1], _FACTOR)
-        for divides, factor in node.factors[1:]:
+        text = _text(node.parts[0][1], _FACTOR)
+        for divides, factor in node.parts[1:]:
             text += ("/" if divides else "*") + _text(factor, _FACTOR)
         return f"({text})" if level > _TERM else text
     if node.function == NEGATIVE:
