@@ -113,18 +113,18 @@ def read_plan(
     return read.plan
 
 
-def plan_of(given: File | Plan, min_radius_m: float | None, warn: Warn) -> tuple[Plan, str]:
+def plan_of(given: File | Plan, warn: Warn) -> tuple[Plan, str]:
     """A plan that is given, and its name in messages."""
     if isinstance(given, Plan):
         return given, given.name
-    read = _read(read_text(str(given)), min_radius_m)
+    read = _read(read_text(str(given)))
     warn(read.faults)
     return read.plan, read.name
 
 
 def _read(
     text: Text,
-    min_radius_m: float | None,
+    min_radius_m: float | None = None,
     laps: int | None = None,
     terrain: Sequence[str] = (),
     changes: Mapping[str, File | None] = MappingProxyType({}),

@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +30,6 @@ from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
 from eadp.models.plan.plan import CheckReport, Finding, Plan
 from eadp.models.plan.stage import Box, Stage
 from eadp.models.plan.trace import nominal_legs
-
-T = TypeVar("T")
 
 ERROR, WARNING = "error", "warning"
 POSITION_WARNING_M = 1e-3
@@ -442,14 +440,6 @@ def _leads_on(limit: float, measured: list[tuple[Vector, _Measures]]) -> Vector 
     return min(good, key=rank)[0] if good else None
 
 
-def _or_none(function: Callable[..., T], *arguments: Any) -> T | None:
-    """A function's value, or None where a path is undefined."""
-    try:
-        return function(*arguments)
-    except PathUndefined:
-        return None
-
-
 def _airspace_findings(plan: Plan) -> Iterator[Finding]:
     """Where the nominal path enters an obstacle, or leaves the boundary, at values across the path parameters' sets.
 
@@ -461,7 +451,11 @@ def _airspace_findings(plan: Plan) -> Iterator[Finding]:
     found: set[str] = set()
     for share in (1.0, 0.75, 0.5, 0.25, 0.0) if boxes else (1.0,):
         values = tuple(box.lo + share * (box.hi - box.lo) for box in boxes)
-        for stage, name in entered(_or_none(nominal_legs, plan.laps(), values) or (), plan.site.airspace):
+        try:
+            legs = nominal_legs(plan.laps(), values)
+        except PathUndefined:  # found where its stages are measured
+            continue
+        for stage, name in entered(legs, plan.site.airspace):
             if name not in found:
                 found.add(name)
                 does = "leaves" if name == BOUNDARY else "enters"

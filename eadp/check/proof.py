@@ -25,6 +25,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
 from typing import IO, Any
 
@@ -203,18 +204,11 @@ def texts_of(path: Expression, trigger: tuple[Expression, Expression]) -> list[s
     return [path.text, trigger[0].text, trigger[1].text]
 
 
-def sympy_text(plan: Plan, file: str) -> str:
-    """Path functions, gradients, Hessians and triggers in sympy's syntax; raises InputError at a stage of `file`."""
-    return _expressions(plan, file, "sympy")
+def _expressions(plan: Plan, file: str, *, style: str) -> str:
+    """Path functions, gradients, Hessians and triggers as the process that may be ended prints them.
 
-
-def latex_text(plan: Plan, file: str) -> str:
-    """As `sympy_text`, in LaTeX."""
-    return _expressions(plan, file, "latex")
-
-
-def _expressions(plan: Plan, file: str, style: str) -> str:
-    """Every stage as sympy has it, printed by the process that may be ended."""
+    Raises InputError at a stage of `file`.
+    """
     lines = []
     with AlgebraProcess() as process:
         for stage in plan.stages:
@@ -226,6 +220,10 @@ def _expressions(plan: Plan, file: str, style: str) -> str:
                 raise InputError.at(file, stage.line, 1, message, expected)
             lines += printed
     return "\n".join(lines)
+
+
+sympy_text = partial(_expressions, style="sympy")
+latex_text = partial(_expressions, style="latex")
 
 
 PROOFS_LIMIT_S = 10.0

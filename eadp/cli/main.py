@@ -241,7 +241,7 @@ def _pipe(error: Any) -> str:
     from eadp.cli.plan import CHANGES
 
     name = error.option_name
-    if name.lstrip("-") not in CHANGES or all(each.metavar != "PLAN" for each in error.ctx.command.params):
+    if name.lstrip("-") not in (*CHANGES, "min-radius") or all(each.metavar != "PLAN" for each in error.ctx.command.params):
         return ""
     return f"{name} is an option of eadp plan: eadp plan PLAN {name} … | eadp {error.ctx.info_name} -"
 

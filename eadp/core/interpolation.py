@@ -187,7 +187,7 @@ def _piece(points: FloatArray, values: FloatArray, kind: Kind) -> _Piece:
     if kind == "pchip":
         if points.shape[1] > 1:
             raise Infeasible(f"pchip needs one changing parameter, and {points.shape[1]} change")
-        return _pchip(points[:, 0], values)
+        return _Pchip(points[:, 0], values)
     levels = [np.unique(column) for column in points.T]
     if len(points) == math.prod(map(len, levels)):
         return _Grid(tuple(map(_floats, levels)), _floats(values))
@@ -218,36 +218,25 @@ def _cell(knots: Point, value: float) -> tuple[int, float]:
     return i, (value - knots[i]) / (knots[i + 1] - knots[i])
 
 
-@dataclass(frozen=True)
-class _Cubic(_Piece):
-    """Cubics between neighbouring knots: `coefficients` per segment, highest power of (x − knot) first."""
+class _Pchip(_Piece):
+    """Monotone cubics between neighbouring knots."""
 
-    knots: Point
-    values: Point
-    coefficients: tuple[tuple[float, float, float, float], ...]
+    def __init__(self, knots: FloatArray, values: FloatArray) -> None:
+        from scipy.interpolate import PchipInterpolator
+
+        self._end, self._end_value = float(knots[-1]), float(values[-1])
+        too_close = Infeasible("the configurations are too close together for pchip")
+        try:
+            with np.errstate(all="ignore"):
+                self._curve = PchipInterpolator(knots, values)
+        except ValueError:  # of finite and increasing knots, scipy refuses only slopes that are not finite
+            raise too_close from None
+        if not np.all(np.isfinite(self._curve.c)):
+            raise too_close
 
     def at(self, point: Sequence[float]) -> float:
-        value = point[0]
-        if value >= self.knots[-1]:  # exact at the last knot, without the rounding of its segment
-            return self.values[-1]
-        i = bisect_right(self.knots, value) - 1
-        a, b, c, d = self.coefficients[i]
-        x = value - self.knots[i]
-        return ((a * x + b) * x + c) * x + d
-
-
-def _pchip(knots: FloatArray, values: FloatArray) -> _Cubic:
-    from scipy.interpolate import PchipInterpolator
-
-    try:
-        with np.errstate(all="ignore"):
-            coefficients = PchipInterpolator(knots, values).c
-    except ValueError:  # of finite and increasing knots, scipy refuses only slopes that are not finite
-        coefficients = np.full((4, 1), np.inf)
-    if not np.all(np.isfinite(coefficients)):
-        raise Infeasible("the configurations are too close together for pchip")
-    rows = tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in coefficients.T)
-    return _Cubic(_floats(knots), _floats(values), rows)
+        # exact at the last knot, without the rounding of its segment
+        return self._end_value if point[0] >= self._end else float(self._curve(point[0]))
 
 
 class _Scattered(_Piece):

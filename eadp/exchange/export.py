@@ -30,7 +30,7 @@ from eadp.exchange.autopilot import (
 )
 from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START
 from eadp.exchange.path import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
-from eadp.exchange.writer import EXPORTS, FENCED, files_beside, items_text, mapped_items, mission_items, writer_of
+from eadp.exchange.writer import EXPORTS, files_beside, items_text, mapped_items, mission_items, writer_of
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import parameters_of
 from eadp.io.scenario import override_texts, read_overrides, read_scenario
@@ -92,9 +92,6 @@ class ExportOptions:
     tolerance_m: float = 1.0
     """Largest distance of the exported path from the plan's [m]."""
 
-    min_radius_m: float | None = None
-    """Turning radius of a mission's turns [m]."""
-
     force: bool = False
     """Write a mission that is forecast to enter an obstacle or to leave its boundary."""
 
@@ -111,11 +108,7 @@ class ExportOptions:
                 raise _fault("--parameters", self.parameters, message, f"a name in {ending}")
             if self.scenario is None:
                 raise _fault("--parameters", self.parameters, "needs an aircraft and a battery", "--scenario")
-        for option, value in (
-            ("--trigger-distance", self.trigger_distance_m),
-            ("--tolerance", self.tolerance_m),
-            ("--min-radius", self.min_radius_m),
-        ):
+        for option, value in (("--trigger-distance", self.trigger_distance_m), ("--tolerance", self.tolerance_m)):
             if value is not None:
                 check_range(option, value, 0.01, 10_000, closed=True)
         if self.altitude_m is not None:
@@ -160,7 +153,7 @@ class _Chosen(NamedTuple):
 
 def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     """A plan at the parameters that are stated."""
-    plan, name = plan_of(given, options.min_radius_m, warn)
+    plan, name = plan_of(given, warn)
     made = plan.site.made_for
     airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
     planned = _planned(plan, name, parameters_of(plan, options.overrides))
@@ -183,7 +176,7 @@ def _forecast(
     plan, airframe = inputs.world.plan, inputs.world.vehicle
     name = inputs.sources["plan"].name
     if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
-        stated, _ = plan_of(given, options.min_radius_m, lambda _: None)
+        stated, _ = plan_of(given, lambda _: None)
         if any(stage.altitude_m is not None for stage in stated.stages):
             message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
             raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
@@ -222,7 +215,7 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         if any(stage.altitude_m is None for stage in plan.stages):
             whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
             note(f"altitude {altitude_m:g} m, {whose}; --altitude sets another", "note" if known else "warning")
-    if any(plan.site.airspace) and to not in FENCED:
+    if any(plan.site.airspace) and to not in WITH_ITEMS:
         note(f"obstacles and boundary are not in the format {to}")
     if plan.site.ground_m is not None and options.home_deg is not None:
         message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"

@@ -179,7 +179,9 @@ def _section(leg: Leg) -> Section:
 
 
 WITH_ITEMS = ("qgc", "ardupilot", "px4")
-"""Formats of missions of items; a map of these to the plan's stages is written beside the mission."""
+"""Formats of missions of items; a map of these to the plan's stages is written beside the mission.
+
+They hold obstacles and a boundary, too; of `ardupilot` these are a file of their own."""
 
 ITEMS_ENDING = ".items.json"
 """Ending of the map's name, after that of the mission."""

@@ -35,7 +35,6 @@ from eadp.exchange.items import (
     Fence,
     MissionDraft,
     MissionItem,
-    command_text,
 )
 from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
@@ -363,7 +362,7 @@ def read_wpl(source: SourceText) -> MissionDraft:
     InputError
         With the faults of the rows, or of the first line; if it has fences or places to rally alone.
     """
-    rows, doubts = _rows(source)
+    rows, doubts = _rows(source), list[tuple[Location, str, str]]()
     fences = _fences(source, rows)
     items = [each for each in rows if not _is_fence(each)]
     first_is_home = source.body.split(None, 3)[2] == VERSION.split()[2]
@@ -378,7 +377,7 @@ def read_wpl(source: SourceText) -> MissionDraft:
     if home is not None:
         draft.home, draft.home_location = home.parameters[4:], home.locations[6]
     elif rows[0] is items[0] and first_is_home:
-        message = f"row 0 is {command_text(rows[0].command)} and no home: it is flown as the first item"
+        message = f"row 0 is command {rows[0].command} and no home: it is flown as the first item"
         doubts.append((rows[0].locations[0], "no-home", message))
     return draft
 
@@ -388,7 +387,7 @@ def mission_fences(source: SourceText) -> list[Fence] | None:
     head = source.body.lstrip()[:HEAD]
     if is_qgc(head):
         return qgc_fences(source)
-    return _fences(source, _rows(source)[0]) if head.startswith(VERSION[:7]) else None
+    return _fences(source, _rows(source)) if head.startswith(VERSION[:7]) else None
 
 
 def _is_fence(item: DraftItem) -> bool:
@@ -424,8 +423,8 @@ def _fences(source: SourceText, rows: Sequence[DraftItem]) -> list[Fence]:
     return found
 
 
-def _rows(source: SourceText) -> tuple[list[DraftItem], list[tuple[Location, str, str]]]:
-    """The rows, numbered in their order, and what is odd about them."""
+def _rows(source: SourceText) -> list[DraftItem]:
+    """The rows, numbered in their order as autopilots do, whatever their index."""
     rows = read_rows(source.name, source.body, "")
     head = next(rows)
     if head.fields not in (VERSION.split(), WITHOUT_HOME.split()):
@@ -433,16 +432,12 @@ def _rows(source: SourceText) -> tuple[list[DraftItem], list[tuple[Location, str
         raise source.error((head.line, 1), f"the version {version} of this format is not known", VERSION)
     faults: list[Fault] = []
     items: list[DraftItem] = []
-    doubts: list[tuple[Location, str, str]] = []
     for index, row in enumerate(rows):
         if index > ITEMS_LIMIT:
             raise source.error((row.line, 1), f"more than {ITEMS_LIMIT} items", "as many or fewer")
         if found := _row_faults(row):
             faults += found
             continue
-        if not doubts and float(row.fields[0]) != index:
-            message = f"the index {row.fields[0]} in row {index}: items are numbered by their rows, as autopilots do"
-            doubts.append(((row.line, row.columns[0]), "index", message))
         numbers = [float(text) for text in row.fields]
         places = [(row.line, row.columns[i]) for i in (3, 2, *range(4, 11))]
         items.append(
@@ -451,7 +446,7 @@ def _rows(source: SourceText) -> tuple[list[DraftItem], list[tuple[Location, str
     refuse(faults)
     if not items:
         raise source.error((head.line, 1), "no home", "a row for home, and one for each item")
-    return items, doubts
+    return items
 
 
 def _row_faults(row: Row) -> list[Fault]:

@@ -398,10 +398,6 @@ def _qgc(path: PlannedPath, firmware: int) -> str:
     return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, path.height_m)
 
 
-FENCED = ("qgc", "ardupilot", "px4")
-"""Formats that hold obstacles and a boundary; of `ardupilot` they are a file of their own."""
-
-
 def files_beside(path: PlannedPath) -> dict[str, str]:
     """ArduPilot's file of the fence, if there is one, by the ending of its name."""
     fences = _fences(path)

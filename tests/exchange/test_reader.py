@@ -17,7 +17,7 @@ import eadp as library
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import InputError
-from eadp.exchange.items import ITEMS_LIMIT, MOTIONLESS, NAMES
+from eadp.exchange.items import ITEMS_LIMIT, MOTIONLESS
 from eadp.exchange.mission_plan import LOITER_RADIUS_M
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.sources import PlanReader
@@ -309,7 +309,7 @@ def changed(line, column, text):
         (4, 9, "inf", "not finite"),
         (4, 9, "nan", "no coordinates"),
         (4, 11, "1e7", "an altitude"),
-        (4, 4, "92", "the command 92 (NAV_GUIDED_ENABLE) cannot be flown"),
+        (4, 4, "92", "the command 92 cannot be flown"),
         (4, 4, "17", "a loiter without end before other items"),
         (4, 4, "16.5", "no command"),
         (4, 3, "4", "the frame 4"),
@@ -378,10 +378,9 @@ def test_a_longitude_beyond_180_counts_on():
     assert ends(read(body + place.format(180.004))[0]) == ends(read(body + place.format(-179.996))[0])
 
 
-def test_places_that_are_doubtful():
+def test_heights_that_are_doubtful_and_a_jump_too_often():
     flat = [waypoint(300, 0, altitude=0), waypoint(300, 300, altitude=0)]
     assert [finding.code for finding in read(wpl(*flat))[1]] == ["no-altitude"]
-    assert [finding.code for finding in read(wpl(waypoint(30_000, 0), waypoint(30_300, 0)))[1]] == ["far-home"]
     jump = [waypoint(300 * (i % 2), 300 * i) for i in range(20)]
     assert "as item 21 jumps back 400 times" in fault_of(wpl(*jump, item(177, 1, 400))).message
 
@@ -466,10 +465,9 @@ def test_a_fault_of_json_has_its_path(path, value, words):
 # --- what other software writes ---------------------------------------------------------------------------------------
 
 
-def test_names_and_commands_without_motion_are_mavlinks():
+def test_commands_without_motion_are_mavlinks():
     dialect = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
     enum = dialect.enums["MAV_CMD"]
-    assert {number: enum[number].name.removeprefix("MAV_CMD_") for number in NAMES} == NAMES
     moving = ("NAV_", "DO_CHANGE", "DO_JUMP", "GUIDED_", "WAYPOINT_")
     kept = [enum[number].name.removeprefix("MAV_CMD_") for number in MOTIONLESS - {80}]  # 80, a region of interest
     assert not [name for name in kept if name.startswith(moving)]
@@ -481,9 +479,7 @@ def test_names_and_commands_without_motion_are_mavlinks():
 def test_rows_are_numbered_by_their_order_whatever_their_index():
     good = wpl(*GOOD)
     for index in ("7", "1"):
-        plan, (finding,) = read(good.replace("\n2\t", f"\n{index}\t"))
-        assert ends(plan) == ends(read(good)[0])
-        assert f"the index {index} in row 2" in finding.message
+        assert ends(read(good.replace("\n2\t", f"\n{index}\t"))[0]) == ends(read(good)[0])
     assert ends(read(good.replace("\t0\t47.0", "\tNaN\t47.0"))[0]) == ends(read(good)[0])
 
 
@@ -493,7 +489,7 @@ def test_a_first_row_that_is_no_home_is_flown():
     assert plan.site.origin_deg == pytest.approx(HOME, abs=1e-8)
     assert len(plan.stages) == len(read(wpl(waypoint(400, 0), item(20)))[0].stages)
     assert [finding.code for finding in found] == ["no-home", "no-home"]
-    assert "row 0 is 22 (NAV_TAKEOFF) and no home" in found[0].message
+    assert "row 0 is command 22 and no home" in found[0].message
 
 
 CORNERS = [(-100, -100), (500, -100), (500, 500), (-100, 500)]

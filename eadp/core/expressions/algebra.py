@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -23,46 +24,6 @@ DEGREE_LIMIT = 1000
 
 TERMS_LIMIT, DEGREE_KEPT, MAX_WHOLE = 300, 16, 10**1000
 """Bounds of what is multiplied out: the number of terms, the powers of sums, the whole numbers in fractions."""
-
-_PROBES = (0.0, 0.37, -0.61, 1.73, 13.1, -17.9, 211.3, -397.7, 3007.1, -2503.9, 1e5, -9e4)
-
-
-def is_zero(node: Node) -> bool:
-    """Whether a tree is zero for every value of its symbols.
-
-    Decided numerically, at twelve points, relative to the magnitude of its terms: expressions that vanish at all of
-    them by coincidence do not occur in practice, and the cost is linear in the size of the tree.
-    """
-    names = sorted(tree.symbols(node) - {"pi"})
-    seen = False
-    for k, probe in enumerate(_PROBES):
-        values = {name: probe * (1 + 0.07 * i * (k + 1)) + 0.003 * i for i, name in enumerate(names)}
-        try:
-            value, size = tree.evaluation(node)(values), _magnitude(node, values)
-        except (ArithmeticError, ValueError):
-            continue
-        if not abs(value) <= 1e-13 * size:
-            return False
-        seen = True
-    return seen
-
-
-def _magnitude(node: Node, values: Mapping[str, float]) -> float:
-    """The sum of the absolute values of the terms of a tree: the scale of its rounding errors."""
-    if isinstance(node, tree.Sum):
-        size = 0.0
-        for _, term in node.terms:
-            size += _magnitude(term, values)
-        return size
-    if isinstance(node, tree.Product):
-        size = 1.0
-        for divides, factor in node.factors:
-            part = abs(tree.evaluation(factor)(values)) if divides else _magnitude(factor, values)
-            size = size / part if divides else size * part
-        return size
-    if isinstance(node, tree.Negative):
-        return _magnitude(node.operand, values)
-    return abs(tree.evaluation(node)(values))
 
 
 def load_sympy() -> Any:
@@ -87,6 +48,7 @@ def to_sympy(node: Node) -> Any:
     """
     sympy = load_sympy()
     functions = {name: getattr(sympy, {"abs": "Abs", "min": "Min", "max": "Max"}.get(name, name)) for name in FUNCTIONS}
+    functions |= {tree.NEGATIVE: operator.neg, tree.POWER: sympy.Pow}
 
     def build(part: Node) -> Any:
         if isinstance(part, tree.Number):
@@ -94,13 +56,9 @@ def to_sympy(node: Node) -> Any:
         if isinstance(part, tree.Symbol):
             return sympy.pi if part.name == "pi" else sympy.Symbol(part.name, real=True)
         if isinstance(part, tree.Sum):
-            return sympy.Add(*[-build(term) if minus else build(term) for minus, term in part.terms])
+            return sympy.Add(*[-build(term) if minus else build(term) for minus, term in part.parts])
         if isinstance(part, tree.Product):
-            return sympy.Mul(*[1 / build(factor) if divides else build(factor) for divides, factor in part.factors])
-        if isinstance(part, tree.Power):
-            return sympy.Pow(build(part.base), build(part.exponent))
-        if isinstance(part, tree.Negative):
-            return -build(part.operand)
+            return sympy.Mul(*[1 / build(factor) if divides else build(factor) for divides, factor in part.parts])
         return functions[part.function](*[build(argument) for argument in part.arguments])
 
     return build(node)
@@ -109,6 +67,7 @@ def to_sympy(node: Node) -> Any:
 _Expanded = dict[tuple[str, ...], Fraction]
 
 
+@functools.lru_cache(maxsize=4096)
 def expanded(node: Node) -> _Expanded:
     """A tree multiplied out, exactly: the multiple of each of its monomials, none of them 0.
 
@@ -125,20 +84,20 @@ def expanded(node: Node) -> _Expanded:
     for part in tree.children(node):  # a plain loop: a comprehension would double the depth of the stack
         parts.append(expanded(part))
     if isinstance(node, tree.Sum):
-        return _summed([(-1 if minus else 1, part) for (minus, _), part in zip(node.terms, parts, strict=True)])
-    if isinstance(node, tree.Negative):
-        return _summed([(-1, parts[0])])
+        return _summed([(-1 if minus else 1, part) for (minus, _), part in zip(node.parts, parts, strict=True)])
     if isinstance(node, tree.Product):
-        factors = [_inverse(part) if divides else part for (divides, _), part in zip(node.factors, parts, strict=True)]
+        factors = [_inverse(part) if divides else part for (divides, _), part in zip(node.parts, parts, strict=True)]
         return functools.reduce(_times, factors)
-    if isinstance(node, tree.Power):
+    if isinstance(node, tree.Symbol):
+        return {(node.name,): Fraction(1)}
+    if node.function == tree.NEGATIVE:
+        return _summed([(-1, parts[0])])
+    if node.function == tree.POWER:
         exponent = parts[1].get((), 0)
         if parts[1].keys() <= {()} and exponent in range(DEGREE_KEPT + 1):
             return functools.reduce(_times, [parts[0]] * int(exponent), {(): Fraction(1)})
         return {(f"(({_text(parts[0])})^({_text(parts[1])}))",): Fraction(1)}
-    if isinstance(node, tree.Call):
-        return {(f"{node.function}({', '.join(map(_text, parts))})",): Fraction(1)}
-    return {(node.name,): Fraction(1)}
+    return {(f"{node.function}({', '.join(map(_text, parts))})",): Fraction(1)}
 
 
 def _summed(parts: Sequence[tuple[int | Fraction, _Expanded]]) -> _Expanded:
@@ -201,17 +160,12 @@ def _degree(node: Node) -> float:
         parts.append(_degree(part))
     if isinstance(node, tree.Product):
         return sum(parts)
-    if isinstance(node, tree.Power):
-        return parts[0] * _power(node)
+    if isinstance(node, tree.Call) and node.function == tree.POWER:
+        try:
+            return parts[0] * max(1.0, abs(tree.evaluation(node.arguments[1])({})))
+        except (KeyError, ArithmeticError, ValueError):  # an exponent that is no number
+            return parts[0]
     return max(parts, default=1.0)
-
-
-def _power(node: tree.Power) -> float:
-    """What a power does to the degree of its base: 1 where the exponent is no number."""
-    try:
-        return max(1.0, abs(tree.evaluation(node.exponent)({})))
-    except (KeyError, ArithmeticError, ValueError):
-        return 1.0
 
 
 def from_sympy(result: Any) -> Expression:
@@ -310,8 +264,9 @@ def remainder(expression: Expression) -> str | None:
     """
     sympy = load_sympy()
     value = sympy.expand(_limited(expression))
-    if value != 0 and is_zero(expression.node):
-        return "0" if sympy.simplify(value) == 0 else None
+    zero = value.equals(0)
+    if zero is not False:
+        return "0" if zero else None
     text = str(sympy.sstr(value))
     return None if value.has(sympy.nan, sympy.zoo, sympy.oo) or len(text) > tree.LENGTH_LIMIT else text
 

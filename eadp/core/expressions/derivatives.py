@@ -12,10 +12,10 @@ What depends on parameters only is computed once, when parameters are bound; the
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from eadp.core.expressions import tree
 from eadp.core.expressions.tree import Evaluation, Expression, Node
@@ -75,84 +75,84 @@ def _compiled(source: str) -> Callable[[Sequence[float]], PathFunction]:
 # --- generating -------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Value:
-    """The name of a computed value, and whether it depends on x or y (else it is computed once, when bound)."""
+class _Jet(NamedTuple):
+    """Six values by their names in the source; None is a derivative that is zero by its form."""
 
-    text: str
-    inner: bool
-
-
-@dataclass(frozen=True, slots=True)
-class _Jet:
-    """Six values; None is a derivative that is zero by its form."""
-
-    v: _Value
-    x: _Value | None = None
-    y: _Value | None = None
-    xx: _Value | None = None
-    xy: _Value | None = None
-    yy: _Value | None = None
-
-
-_ONE = _Value("1.0", False)
-_TWO = _Value("2.0", False)
+    v: str
+    x: str | None = None
+    y: str | None = None
+    xx: str | None = None
+    xy: str | None = None
+    yy: str | None = None
 
 
 @lru_cache(maxsize=4096)
 def _generate(root: Node) -> tuple[str, tuple[Evaluation, ...]]:
     """The source of a tree, and the values of its parts without x and y, in the order of the source's arguments."""
     writer = _Writer()
-    jet = writer.jet(root)
-    results = ", ".join(part.text if part else "0.0" for part in (jet.v, jet.x, jet.y, jet.xx, jet.xy, jet.yy))
-    unpack = [f"    {', '.join(value.text for value in writer.fixed.values())}, = k"] if writer.fixed else []
+    results = ", ".join(part or "0.0" for part in writer.jet(root))
+    unpack = [f"    {', '.join(writer.fixed.values())}, = k"] if writer.fixed else []
     outer = [f"    {line}" for line in writer.outer]
     inner = [f"        {line}" for line in writer.inner]
     lines = ["def make(k):", *unpack, *outer, "    def path(x, y):", *inner, f"        return {results}"]
     return "\n".join([*lines, "    return path", ""]), tuple(map(tree.evaluation, writer.fixed))
 
 
+_DERIVATIVES = {
+    "sqrt": ("0.5 / {f}", "-{g} * {g} / {f}"),
+    "sin": ("cos({u})", "-{f}"),
+    "cos": ("-sin({u})", "-{f}"),
+    "tan": ("1.0 + {f} * {f}", "2.0 * {f} * {g}"),
+    "asin": ("1.0 / sqrt(1.0 - {u} * {u})", "{u} * {g} * {g} * {g}"),
+    "acos": ("-1.0 / sqrt(1.0 - {u} * {u})", "{u} * {g} * {g} * {g}"),
+    "atan": ("1.0 / (1.0 + {u} * {u})", "-2.0 * {u} * {g} * {g}"),
+    "exp": ("{f}", "{f}"),
+    "log": ("1.0 / {u}", "-{g} * {g}"),
+    "abs": ("copysign(1.0, {u})", ""),
+}
+"""f' and f'' of f(u); {g} stands for f'."""
+
+_NAMES = re.compile(r"[a-z]\w*")
+
+
 class _Writer:
-    """Generator of source lines, each naming one new value; common subexpressions are written once."""
+    """Generator of source lines, each naming one new value; common subexpressions are written once.
+
+    `inner` lines depend on x or y, `outer` ones are computed once, when parameters are bound.
+    """
 
     def __init__(self) -> None:
-        self.fixed: dict[Node, _Value] = {}
+        self.fixed: dict[Node, str] = {}
         self.outer: list[str] = []
         self.inner: list[str] = []
-        self._known: dict[str, _Value] = {}
+        self._known: dict[str, str] = {}
+        self._of_point = {"x", "y"}  # names of what depends on them
 
-    def let(self, text: str, *operands: _Value) -> _Value:
+    def let(self, text: str) -> str:
         if text not in self._known:
-            inner = any(operand.inner for operand in operands)
-            lines = self.inner if inner else self.outer
-            name = f"t{len(self._known)}"
-            lines.append(f"{name} = {text}")
-            self._known[text] = _Value(name, inner)
+            name = self._known[text] = f"t{len(self._known)}"
+            inner = not self._of_point.isdisjoint(_NAMES.findall(text))
+            (self.inner if inner else self.outer).append(f"{name} = {text}")
+            if inner:
+                self._of_point.add(name)
         return self._known[text]
 
     # sums and products of values, where None is zero
 
-    def add(self, a: _Value | None, b: _Value | None) -> _Value | None:
-        if a is None or b is None:
-            return a or b
-        return self.let(f"{a.text} + {b.text}", a, b)
+    def add(self, a: str | None, b: str | None) -> str | None:
+        return self.let(f"{a} + {b}") if a and b else a or b
 
-    def subtract(self, a: _Value | None, b: _Value | None) -> _Value | None:
+    def subtract(self, a: str | None, b: str | None) -> str | None:
         if b is None:
             return a
-        return self.let(f"{a.text} - {b.text}", a, b) if a else self.negate(b)
+        return self.let(f"{a} - {b}") if a else self.let(f"-{b}")
 
-    def negate(self, a: _Value | None) -> _Value | None:
-        return self.let(f"-{a.text}", a) if a else None
-
-    def times(self, a: _Value | None, b: _Value | None) -> _Value | None:
+    def times(self, a: str | None, b: str | None) -> str | None:
         if a is None or b is None:
             return None
-        if a.text == "1.0":
+        if a == "1.0":
             return b
-        if b.text == "1.0":
-            return a
-        return self.let(f"{a.text} * {b.text}", a, b)
+        return a if b == "1.0" else self.let(f"{a} * {b}")
 
     # jets
 
@@ -160,24 +160,25 @@ class _Writer:
         if not _depends_on_point(node):
             return _Jet(self._fixed(node))
         if isinstance(node, tree.Symbol):
-            one_x, one_y = (_ONE, None) if node.name == "x" else (None, _ONE)
-            return _Jet(_Value(node.name, True), one_x, one_y)
+            return _Jet("x", "1.0", None) if node.name == "x" else _Jet("y", None, "1.0")
         if isinstance(node, tree.Sum):
-            return self._sum(node)
+            jet = self.jet(node.parts[0][1])
+            for minus, term in node.parts[1:]:
+                jet = _each(self.subtract if minus else self.add, jet, self.jet(term))
+            return jet
         if isinstance(node, tree.Product):
-            jet = self.jet(node.factors[0][1])
-            for divides, factor in node.factors[1:]:
+            jet = self.jet(node.parts[0][1])
+            for divides, factor in node.parts[1:]:
                 other = self.jet(factor)
                 jet = self._multiply(jet, self._reciprocal(other) if divides else other)
             return jet
-        if isinstance(node, tree.Negative):
-            jet = self.jet(node.operand)
-            negative = [self.negate(part) for part in (jet.x, jet.y, jet.xx, jet.xy, jet.yy)]
-            return _Jet(self.let(f"-{jet.v.text}", jet.v), *negative)
-        if isinstance(node, tree.Power):
-            return self._power(node)
         assert isinstance(node, tree.Call)
+        if node.function == tree.POWER:
+            return self._power(*node.arguments)
         jets = [self.jet(argument) for argument in node.arguments]
+        if node.function == tree.NEGATIVE:
+            derivatives = [part and self.let(f"-{part}") for part in jets[0][1:]]
+            return _Jet(self.let(f"-{jets[0].v}"), *derivatives)
         if node.function == "atan2":
             return self._atan2(*jets)
         if node.function in ("min", "max"):
@@ -187,114 +188,83 @@ class _Writer:
             return jet
         return self._function(node.function, jets[0])
 
-    def _fixed(self, node: Node) -> _Value:
+    def _fixed(self, node: Node) -> str:
         """A part without x and y, which becomes an argument."""
-        return self.fixed.setdefault(node, _Value(f"k{len(self.fixed)}", False))
-
-    def _sum(self, node: tree.Sum) -> _Jet:
-        jet = self.jet(node.terms[0][1])
-        for minus, term in node.terms[1:]:
-            jet = _each(self.subtract if minus else self.add, jet, self.jet(term))
-        return jet
+        return self.fixed.setdefault(node, f"k{len(self.fixed)}")
 
     def _multiply(self, a: _Jet, b: _Jet) -> _Jet:
         v = self.times(a.v, b.v)
         assert v is not None
-        twice = (self.times(_TWO, self.times(a.x, b.x)), self.times(_TWO, self.times(a.y, b.y)))
+        twice = (self.times("2.0", self.times(a.x, b.x)), self.times("2.0", self.times(a.y, b.y)))
         mixed = self.add(self.times(a.x, b.y), self.times(a.y, b.x))
         return self._two(v, a, b, (b.v, a.v), (twice[0], mixed, twice[1]))
 
-    def _two(
-        self,
-        f: _Value,
-        a: _Jet,
-        b: _Jet,
-        slopes: tuple[_Value, _Value],
-        bends: tuple[_Value | None, _Value | None, _Value | None],
-    ) -> _Jet:
+    def _two(self, f: str, a: _Jet, b: _Jet, slopes: tuple[str, str], bends: tuple[str | None, ...]) -> _Jet:
         """f(a, b) from f, (f_a, f_b), and the parts of its xx, xy, yy that hold products of first derivatives."""
 
-        def first(da: _Value | None, db: _Value | None) -> _Value | None:
+        def first(da: str | None, db: str | None) -> str | None:
             return self.add(self.times(slopes[0], da), self.times(slopes[1], db))
 
-        def second(daa: _Value | None, bend: _Value | None, dbb: _Value | None) -> _Value | None:
+        def second(daa: str | None, bend: str | None, dbb: str | None) -> str | None:
             return self.add(self.add(self.times(slopes[0], daa), bend), self.times(slopes[1], dbb))
 
-        pairs = zip((a.xx, a.xy, a.yy), bends, (b.xx, b.xy, b.yy), strict=True)
+        pairs = zip(a[3:], bends, b[3:], strict=True)
         return _Jet(f, first(a.x, b.x), first(a.y, b.y), *(second(*parts) for parts in pairs))
 
-    def _compose(self, u: _Jet, f: _Value, f1: _Value | None, f2: _Value | None) -> _Jet:
+    def _compose(self, u: _Jet, f: str, f1: str | None, f2: str | None) -> _Jet:
         """f(u) from f, f' and f'' at u: (f∘u)_ab = f'' u_a u_b + f' u_ab."""
 
-        def second(ua: _Value | None, ub: _Value | None, uab: _Value | None) -> _Value | None:
+        def second(ua: str | None, ub: str | None, uab: str | None) -> str | None:
             return self.add(self.times(f2, self.times(ua, ub)), self.times(f1, uab))
 
         first_x, first_y = self.times(f1, u.x), self.times(f1, u.y)
         return _Jet(f, first_x, first_y, second(u.x, u.x, u.xx), second(u.x, u.y, u.xy), second(u.y, u.y, u.yy))
 
     def _reciprocal(self, u: _Jet) -> _Jet:
-        f = self.let(f"1.0 / {u.v.text}", u.v)
-        f1 = self.let(f"-{f.text} * {f.text}", f)
-        return self._compose(u, f, f1, self.let(f"-2.0 * {f1.text} * {f.text}", f1, f))
+        f = self.let(f"1.0 / {u.v}")
+        f1 = self.let(f"-{f} * {f}")
+        return self._compose(u, f, f1, self.let(f"-2.0 * {f1} * {f}"))
 
-    def _power(self, node: tree.Power) -> _Jet:
-        if _depends_on_point(node.exponent):  # u^w = exp(w log u)
-            logarithm = self._function("log", self.jet(node.base))
-            return self._function("exp", self._multiply(self.jet(node.exponent), logarithm))
-        u = self.jet(node.base)
-        if tree.symbols(node.exponent) <= {"pi"}:
-            exponent = tree.evaluation(node.exponent)({})
-            if exponent == int(exponent):
-                return self._whole_power(u, int(exponent))
-        e = self._fixed(node.exponent)
-        f = self.let(f"pow({u.v.text}, {e.text})", u.v, e)
-        f1 = self.let(f"{e.text} * pow({u.v.text}, {e.text} - 1.0)", u.v, e)
-        f2 = self.let(f"{e.text} * ({e.text} - 1.0) * pow({u.v.text}, {e.text} - 2.0)", u.v, e)
-        return self._compose(u, f, f1, f2)
+    def _power(self, base: Node, exponent: Node) -> _Jet:
+        if _depends_on_point(exponent):  # u^w = exp(w log u)
+            logarithm = self._function("log", self.jet(base))
+            return self._function("exp", self._multiply(self.jet(exponent), logarithm))
+        u = self.jet(base)
+        if tree.symbols(exponent) <= {"pi"}:
+            number = tree.evaluation(exponent)({})
+            if number == int(number):
+                return self._whole_power(u, int(number))
+        e = self._fixed(exponent)
+        f = self.let(f"pow({u.v}, {e})")
+        f1 = self.let(f"{e} * pow({u.v}, {e} - 1.0)")
+        return self._compose(u, f, f1, self.let(f"{e} * ({e} - 1.0) * pow({u.v}, {e} - 2.0)"))
 
     def _whole_power(self, u: _Jet, n: int) -> _Jet:
-        def raised(power: int) -> _Value:
-            if power == 0:
-                return _ONE
-            if power == 1:
-                return u.v
-            return self.let(f"{u.v.text} * {u.v.text}" if power == 2 else f"{u.v.text} ** {power}", u.v)
+        def raised(power: int) -> str:
+            if power in (0, 1):
+                return u.v if power else "1.0"
+            return self.let(f"{u.v} * {u.v}" if power == 2 else f"{u.v} ** {power}")
 
-        f1 = self.times(_Value(f"{n}.0", False), raised(n - 1)) if n != 0 else None
-        f2 = self.times(_Value(f"{n * (n - 1)}.0", False), raised(n - 2)) if n not in (0, 1) else None
+        f1 = self.times(f"{n}.0", raised(n - 1)) if n != 0 else None
+        f2 = self.times(f"{n * (n - 1)}.0", raised(n - 2)) if n not in (0, 1) else None
         return self._compose(u, raised(n), f1, f2)
 
     def _function(self, name: str, u: _Jet) -> _Jet:
-        t = u.v.text
-        f = self.let(f"{name}({t})", u.v)
-        derivatives = {  # f' and f'' from u and f; {g} stands for f'
-            "sqrt": ("0.5 / {f}", "-{g} * {g} / {f}"),
-            "sin": ("cos({u})", "-{f}"),
-            "cos": ("-sin({u})", "-{f}"),
-            "tan": ("1.0 + {f} * {f}", "2.0 * {f} * {g}"),
-            "asin": ("1.0 / sqrt(1.0 - {u} * {u})", "{u} * {g} * {g} * {g}"),
-            "acos": ("-1.0 / sqrt(1.0 - {u} * {u})", "{u} * {g} * {g} * {g}"),
-            "atan": ("1.0 / (1.0 + {u} * {u})", "-2.0 * {u} * {g} * {g}"),
-            "exp": ("{f}", "{f}"),
-            "log": ("1.0 / {u}", "-{g} * {g}"),
-            "abs": ("copysign(1.0, {u})", ""),
-        }
-        first, second = derivatives[name]
-        f1 = self.let(first.format(u=t, f=f.text), u.v, f)
-        f2 = self.let(second.format(u=t, f=f.text, g=f1.text), u.v, f, f1) if second else None
-        return self._compose(u, f, f1, f2)
+        f = self.let(f"{name}({u.v})")
+        first, second = _DERIVATIVES[name]
+        f1 = self.let(first.format(u=u.v, f=f))
+        return self._compose(u, f, f1, self.let(second.format(u=u.v, f=f, g=f1)) if second else None)
 
     def _atan2(self, a: _Jet, b: _Jet) -> _Jet:
         """atan2(a, b): the derivatives of atan(a/b) where b ≠ 0, and of its continuation elsewhere."""
-        f = self.let(f"atan2({a.v.text}, {b.v.text})", a.v, b.v)
-        s = self.let(f"{a.v.text} * {a.v.text} + {b.v.text} * {b.v.text}", a.v, b.v)
-        fa = self.let(f"{b.v.text} / {s.text}", b.v, s)
-        fb = self.let(f"-{a.v.text} / {s.text}", a.v, s)
-        fbb = self.let(f"-2.0 * {fa.text} * {fb.text}", fa, fb)
-        fab = self.let(f"{fb.text} * {fb.text} - {fa.text} * {fa.text}", fa, fb)
-        faa = self.negate(fbb)
+        f = self.let(f"atan2({a.v}, {b.v})")
+        s = self.let(f"{a.v} * {a.v} + {b.v} * {b.v}")
+        fa, fb = self.let(f"{b.v} / {s}"), self.let(f"-{a.v} / {s}")
+        fbb = self.let(f"-2.0 * {fa} * {fb}")
+        fab = self.let(f"{fb} * {fb} - {fa} * {fa}")
+        faa = self.let(f"-{fbb}")
 
-        def bend(a1: _Value | None, a2: _Value | None, b1: _Value | None, b2: _Value | None) -> _Value | None:
+        def bend(a1: str | None, a2: str | None, b1: str | None, b2: str | None) -> str | None:
             total = self.times(faa, self.times(a1, a2))
             total = self.add(total, self.times(fab, self.add(self.times(a1, b2), self.times(a2, b1))))
             return self.add(total, self.times(fbb, self.times(b1, b2)))
@@ -303,23 +273,17 @@ class _Writer:
         return self._two(f, a, b, (fa, fb), bends)
 
     def _choose(self, a: _Jet, b: _Jet, relation: str) -> _Jet:
-        test = f"{a.v.text} {relation} {b.v.text}"
-
-        def pick(first: _Value | None, second: _Value | None) -> _Value | None:
-            if first is None and second is None:
-                return None
-            one, two = first or _Value("0.0", False), second or _Value("0.0", False)
-            return self.let(f"{one.text} if {test} else {two.text}", one, two, a.v, b.v)
+        def pick(one: str | None, two: str | None) -> str | None:
+            return self.let(f"{one or '0.0'} if {a.v} {relation} {b.v} else {two or '0.0'}") if one or two else None
 
         return _each(pick, a, b)
 
 
-def _each(join: Callable[[_Value | None, _Value | None], _Value | None], a: _Jet, b: _Jet) -> _Jet:
+def _each(join: Callable[[str | None, str | None], str | None], a: _Jet, b: _Jet) -> _Jet:
     """Each part of two jets joined."""
-    v = join(a.v, b.v)
+    v, *derivatives = map(join, a, b)
     assert v is not None
-    pairs = ((a.x, b.x), (a.y, b.y), (a.xx, b.xx), (a.xy, b.xy), (a.yy, b.yy))
-    return _Jet(v, *(join(one, two) for one, two in pairs))
+    return _Jet(v, *derivatives)
 
 
 @lru_cache(maxsize=65536)

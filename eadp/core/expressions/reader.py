@@ -42,11 +42,10 @@ class _Token:
 
 @dataclass(slots=True)
 class _Part:
-    """A tree under construction: its value if it is constant, and its number of nodes."""
+    """A tree under construction, and its value if it is constant."""
 
     node: Node
     value: float | None = None
-    size: int = 1
 
 
 def read_expression(text: str, names: Collection[str] = ()) -> Expression:
@@ -115,7 +114,8 @@ class _Reader:
     def expression(self) -> Expression:
         self._offsets, self._non_smooth = {}, ""
         part = self._sum()
-        return Expression(part.node, dict(self._offsets), part.size, self._non_smooth)
+        size = sum(1 for _ in tree.nodes(part.node))  # no text within the limit of characters exceeds that of nodes
+        return Expression(part.node, dict(self._offsets), size, self._non_smooth)
 
     # each rule of the grammar, from the loosest to the tightest
 
@@ -159,7 +159,7 @@ class _Reader:
         self._depth -= 1
         if sign.text == "+":
             return part
-        return _joined(sign.offset, tree.Negative(part.node), [part])
+        return _joined(sign.offset, tree.Call(tree.NEGATIVE, (part.node,)), [part])
 
     def _power(self) -> _Part:
         base = self._atom()
@@ -168,7 +168,7 @@ class _Reader:
         offset = self._deeper().offset
         exponent = self._unary()
         self._depth -= 1
-        return _joined(offset, tree.Power(base.node, exponent.node), [base, exponent])
+        return _joined(offset, tree.Call(tree.POWER, (base.node, exponent.node)), [base, exponent])
 
     def _atom(self) -> _Part:
         token = self.token
@@ -241,21 +241,15 @@ class _Reader:
 
 
 def _joined(offset: int, node: Node, parts: Sequence[_Part]) -> _Part:
-    size = 1 + sum(part.size for part in parts)  # no text within the limit of characters exceeds the limit of nodes
-    return _Part(node, tree.constant_value(node, [part.value for part in parts], offset), size)
+    return _Part(node, tree.constant_value(node, [part.value for part in parts], offset))
 
 
 def _tokens(text: str) -> list[_Token]:
     tokens = []
-    position = 0
-    while True:
-        match = _TOKEN.match(text, position)
-        assert match is not None  # the pattern ends in "any character"
+    for match in _TOKEN.finditer(text):
         kind = match.lastgroup or "bad"
         if kind == "bad":
             shown = printable(match["bad"])
             raise ExpressionError(match.start("bad"), f"unexpected character '{shown}'", "an expression")
         tokens.append(_Token(kind, match[kind], match.start(kind)))
-        if kind == "end":
-            return tokens
-        position = match.end()
+    return tokens

@@ -6,6 +6,7 @@ Derivatives are compiled in `eadp.core.expressions.derivatives`; `eadp.core.expr
 from __future__ import annotations
 
 import math
+import operator
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,6 +33,9 @@ FUNCTIONS: dict[str, tuple[int, int]] = {
     "max": (2, 64),
 }
 """Function → minimum and maximum number of arguments."""
+
+NEGATIVE, POWER = "-", "^"
+"""Operators of one and of two operands, which trees have as functions."""
 
 NON_SMOOTH_FUNCTIONS = frozenset({"abs", "min", "max"})
 """Functions that are not twice differentiable everywhere."""
@@ -61,43 +65,28 @@ class Symbol:
 
 
 @dataclass(frozen=True, slots=True)
-class Negative:
-    """−operand."""
-
-    operand: Node
-
-
-@dataclass(frozen=True, slots=True)
 class Sum:
     """Terms with whether each is subtracted; the first never is."""
 
-    terms: tuple[tuple[bool, Node], ...]
+    parts: tuple[tuple[bool, Node], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Product:
     """Factors with whether each divides, from left to right; the first never does."""
 
-    factors: tuple[tuple[bool, Node], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Power:
-    """base ^ exponent."""
-
-    base: Node
-    exponent: Node
+    parts: tuple[tuple[bool, Node], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """function(arguments)."""
+    """function(arguments): one of `FUNCTIONS`, `NEGATIVE` of an operand, or `POWER` of a base and an exponent."""
 
     function: str
     arguments: tuple[Node, ...]
 
 
-Node = Number | Symbol | Negative | Sum | Product | Power | Call
+Node = Number | Symbol | Sum | Product | Call
 
 
 @dataclass(frozen=True)
@@ -200,13 +189,9 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
                 offsets.setdefault(name, offset)
             return value.node
         if isinstance(node, Sum):
-            return Sum(tuple([_joined(minus, term, build(term)) for minus, term in node.terms]))
+            return Sum(tuple([_joined(minus, term, build(term)) for minus, term in node.parts]))
         if isinstance(node, Product):
-            return Product(tuple([(divides, build(factor)) for divides, factor in node.factors]))
-        if isinstance(node, Power):
-            return Power(build(node.base), build(node.exponent))
-        if isinstance(node, Negative):
-            return Negative(build(node.operand))
+            return Product(tuple([(divides, build(factor)) for divides, factor in node.parts]))
         if isinstance(node, Call):
             return Call(node.function, tuple([build(argument) for argument in node.arguments]))
         return node
@@ -244,14 +229,13 @@ def constant_value(node: Node, values: Sequence[float | None], offset: int) -> f
         return node.value
     if isinstance(node, Symbol):
         return math.pi if node.name == "pi" else None
-    if isinstance(node, Power) and values[1] is not None and abs(values[1]) > EXPONENT_LIMIT:
-        message = f"a constant exponent of {values[1]:g}"
+    exponent = values[1] if isinstance(node, Call) and node.function == POWER else None
+    if exponent is not None and abs(exponent) > EXPONENT_LIMIT:
+        message = f"a constant exponent of {exponent:g}"
         raise ExpressionError(offset, message, f"an exponent from -{EXPONENT_LIMIT} to {EXPONENT_LIMIT}")
     known = [value for value in values if value is not None]
-    if isinstance(node, Sum):  # sums and products are checked over their constant parts
-        node = Sum(tuple([term for term, value in zip(node.terms, values, strict=True) if value is not None]))
-    elif isinstance(node, Product):
-        node = Product(tuple([part for part, value in zip(node.factors, values, strict=True) if value is not None]))
+    if isinstance(node, Sum | Product):  # checked over their constant parts
+        node = type(node)(tuple([part for part, value in zip(node.parts, values, strict=True) if value is not None]))
     elif len(known) < len(values):
         return None
     try:
@@ -275,14 +259,14 @@ def difference(a: Expression, b: Expression) -> Expression:
 
 def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:
     """A term of a sum after substitution: a − (−b) is written a + b."""
-    if minus and isinstance(old, Symbol) and isinstance(new, Negative):
-        return False, new.operand
+    if minus and isinstance(old, Symbol) and isinstance(new, Call) and new.function == NEGATIVE:
+        return False, new.arguments[0]
     return minus, new
 
 
 def constant(value: float) -> Expression:
     """The expression of a number."""
-    return Expression(Number(value) if value >= 0 else Negative(Number(-value)))
+    return Expression(Number(value) if value >= 0 else Call(NEGATIVE, (Number(-value),)))
 
 
 # --- values -----------------------------------------------------------------------------------------------------------
@@ -296,6 +280,8 @@ _OPERATIONS: dict[str, Callable[..., float]] = {
     "abs": abs,
     "min": min,
     "max": max,
+    NEGATIVE: operator.neg,
+    POWER: math.pow,  # refuses what would be complex, where ** would return it
 }
 
 
@@ -309,9 +295,6 @@ def evaluation(node: Node) -> Evaluation:
     functions = []
     for part in children(node):  # plain loops: a comprehension would double the depth of the stack
         functions.append(evaluation(part))
-    if isinstance(node, Negative):
-        operand = functions[0]
-        return lambda values: -operand(values)
     if isinstance(node, Call) and len(functions) == 1:
         operation, argument = _OPERATIONS[node.function], functions[0]
         return lambda values: operation(argument(values))
@@ -329,18 +312,14 @@ def _combined(node: Node, values: Sequence[float]) -> float:
     """Value of a node from the values of its parts."""
     if isinstance(node, Sum):
         total = 0.0
-        for (minus, _), value in zip(node.terms, values, strict=True):
+        for (minus, _), value in zip(node.parts, values, strict=True):
             total = total - value if minus else total + value
         return total
     if isinstance(node, Product):
         product = 1.0
-        for (divides, _), value in zip(node.factors, values, strict=True):
+        for (divides, _), value in zip(node.parts, values, strict=True):
             product = product / value if divides else product * value
         return product
-    if isinstance(node, Power):
-        return math.pow(*values)  # refuses what would be complex, where ** would return it
-    if isinstance(node, Negative):
-        return -values[0]
     assert isinstance(node, Call)
     return _OPERATIONS[node.function](*values)
 
@@ -361,14 +340,8 @@ def nodes(node: Node) -> Iterator[tuple[Node, int]]:
 
 def children(node: Node) -> tuple[Node, ...]:
     """The parts of a node, from left to right."""
-    if isinstance(node, Sum):
-        return tuple(term for _, term in node.terms)
-    if isinstance(node, Product):
-        return tuple(factor for _, factor in node.factors)
-    if isinstance(node, Power):
-        return (node.base, node.exponent)
-    if isinstance(node, Negative):
-        return (node.operand,)
+    if isinstance(node, Sum | Product):
+        return tuple(part for _, part in node.parts)
     if isinstance(node, Call):
         return node.arguments
     return ()
@@ -395,23 +368,24 @@ def _text(node: Node, level: int) -> str:
         return number_text(node.value)
     if isinstance(node, Symbol):
         return node.name
-    if isinstance(node, Call):
+    if isinstance(node, Sum):
+        text = _text(node.parts[0][1], _TERM)
+        for minus, term in node.parts[1:]:
+            text += (" - " if minus else " + ") + _text(term, _TERM)
+        return f"({text})" if level > _LOOSE else text
+    if isinstance(node, Product):
+        text = _text(node.parts[0][1], _FACTOR)
+        for divides, factor in node.parts[1:]:
+            text += ("/" if divides else "*") + _text(factor, _FACTOR)
+        return f"({text})" if level > _TERM else text
+    if node.function == NEGATIVE:
+        text = "-" + _text(node.arguments[0], _FACTOR)
+    elif node.function == POWER:
+        base, exponent = node.arguments
+        text = f"{_text(base, _BASE)}^{_text(exponent, _FACTOR)}"
+    else:
         parts = []
         for argument in node.arguments:
             parts.append(_text(argument, _LOOSE))
         return f"{node.function}({', '.join(parts)})"
-    if isinstance(node, Sum):
-        text = _text(node.terms[0][1], _TERM)
-        for minus, term in node.terms[1:]:
-            text += (" - " if minus else " + ") + _text(term, _TERM)
-        return f"({text})" if level > _LOOSE else text
-    if isinstance(node, Product):
-        text = _text(node.factors[0][1], _FACTOR)
-        for divides, factor in node.factors[1:]:
-            text += ("/" if divides else "*") + _text(factor, _FACTOR)
-        return f"({text})" if level > _TERM else text
-    if isinstance(node, Negative):
-        text = "-" + _text(node.operand, _FACTOR)
-        return f"({text})" if level > _FACTOR else text
-    text = f"{_text(node.base, _BASE)}^{_text(node.exponent, _FACTOR)}"
     return f"({text})" if level > _FACTOR else text

@@ -25,13 +25,11 @@ from eadp.io.text.streams import SourceText, Text
 from eadp.models.airspace import Airspace, Field
 from eadp.models.plan.plan import Finding, Plan, ShortForm, Site
 from eadp.models.plan.stage import ROTATIONS, Box, LoopVariable, PointExpression, Segment, Stage, Title
-from eadp.models.plan.structure import equal, find_structure, header_disagrees, moves_with, tidy
+from eadp.models.plan.structure import equal, find_structure, moves_with, shifts_agree, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
 _DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
-_LIKE_DECIMALS = re.compile(r"\A[^,]*[0-9],[0-9]+,\s|,\s[^,]*[0-9],[0-9]+\s*\Z")
-"""Three numbers of which two are written as one with a decimal comma: `0,5, 400`."""
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
@@ -201,28 +199,10 @@ class _Reader:
     def _begin_section(self, name: str, line: _Line) -> None:
         """A section: of the current segment, or the first of the next."""
         group = self._groups[-1] if self._groups else None
-        if group is not None and self._section == "init" and name != "init":
-            self._read_definitions(group)
         staged = group is not None and len(self._drafts) > group.drafts
         if group is None or name == "init" or (name == "path" and (staged or not group.init)):
-            group = _Group(line, len(self._drafts), init=name == "init")
-            group.conditional = group.init and self._ends_on_condition(line.number)
-            self._groups.append(group)
+            self._groups.append(_Group(line, len(self._drafts), init=name == "init"))
         self._section = name
-
-    def _ends_on_condition(self, number: int) -> bool:
-        """Whether the segment whose sections start on a line ends on a condition: its `trig:` holds a >=."""
-        section = ""
-        for raw in self._source.lines[number:]:
-            numbered = _NUMBERED.match(raw)
-            text = raw[numbered.end() :] if numbered else raw
-            if match := _SECTION.match(text):
-                if match[1] == "init":
-                    return False
-                section = match[1]
-            elif section == "trig" and text.strip() and not text.lstrip().startswith(("%", "#")):
-                return ">=" in text
-        return False
 
     def _read_end(self, line: _Line) -> None:
         """The line of a section `trig:`: a final point, or the condition on which laps end."""
@@ -234,6 +214,7 @@ class _Reader:
         if not sign:
             group.final = self._point(line, "a final point like 175, 161")
             return
+        group.conditional = group.init
         sides = (self._scalar(line, left, 0), self._scalar(line, right, len(left) + 2))
         if not group.init:
             self._fault(line, 0, "an end of laps without a section init:", "a section init: that names a coordinate")
@@ -293,10 +274,6 @@ class _Reader:
         end = _second_comma(line.text)
         if end is not None:
             draft.radius_m = self._number(line, line.text[end + 1 :], end + 1, *RADIUS)
-            if _LIKE_DECIMALS.search(line.text):
-                radius = printable(line.text[end + 1 :].strip(), 40)
-                message = f"a trigger with a radius of {radius} m, or a decimal comma"
-                self._findings.append(Finding("warning", len(self._drafts), line.number, "comma", message, line.column))
         expected = f"the trigger of stage {len(self._drafts)}, like -115, 146"
         draft.trigger = self._point(replace(line, text=line.text[:end]), expected)
 
@@ -334,7 +311,7 @@ class _Reader:
             self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
         elif name in group.coordinates:
             self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
-        # it may name what stands below it: read once all names are known
+        # it may name what stands below it, if its laps end on a condition: read once all is known
         group.coordinates[name] = (*_NOWHERE, line.after(start))
         group.definitions.append((name, start, line))
 
@@ -383,11 +360,8 @@ class _Reader:
     # --- headers
 
     def _read_header(self, line: _Line) -> None:
-        stripped = line.text.strip()
-        key = stripped.partition(" ")[0]
-        start = len(line.text) - len(line.text.lstrip()) + len(key)
-        start = len(line.text) - len(line.text[start:].lstrip())
-        own = line.after(start)
+        key, _, rest = line.text.strip().partition(" ")
+        own = line.after(len(line.text.rstrip()) - len(rest.lstrip()))
         if key in STAGE_HEADERS:
             attribute, read = STAGE_HEADERS[key]
             value = self._attempt(own, 0, "", partial(read, own.text))
@@ -480,7 +454,9 @@ class _Reader:
     # --- from drafts to a plan
 
     def _finish_stages(self) -> None:
-        """Checks that need all stages."""
+        """What needs all stages: the coordinates' values, and checks."""
+        for group in self._groups:
+            self._read_definitions(group)
         if self._commands:
             self._fault(_Line(len(self._source.lines), "", 1), 0, "a command after the last stage", "a stage after it")
         for index, draft in enumerate(self._drafts, 1):
@@ -595,7 +571,7 @@ class _Reader:
 
     def _compare_header(self, plan: Plan) -> None:
         """A warning where the shift on the first line is neither that of the stages nor its opposite."""
-        if plan.header_shift is None or plan.shift is None or not header_disagrees(plan):
+        if plan.header_shift is None or plan.shift is None or shifts_agree(plan.header_shift, plan.shift):
             return
         message = (
             f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "

@@ -268,10 +268,6 @@ class PlanExecutor:
         self.joined_m = position
         self.stages_started = 1
         self.complete = False
-        self.path: PathFunction
-        self.trigger_m: Point
-        self.form: Form | None
-        self.watch: TriggerWatch
         self._lay_out(position)
 
     @property

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from eadp.core.arrays import FloatArray
 from eadp.core.expressions.algebra import SymbolicStage
 from eadp.core.expressions.derivatives import PathFunction, bind
-from eadp.core.expressions.tree import Expression, substituted
+from eadp.core.expressions.tree import Expression, named, substituted
 from eadp.core.geometry.curves import TRACKS, Point, Track, path_kind
 from eadp.errors import PathUndefined
 
@@ -73,7 +73,7 @@ class Segment:
         PathUndefined
             If a first value is no finite real number; so do the other methods for what they evaluate.
         """
-        values = _named(parameters)
+        values = named(parameters)
         return tuple([q.first.value(values) for q in self.variables if q.shift is not None])
 
     def values(self, parameters: Sequence[float], state: State) -> Mapping[str, float]:
@@ -125,17 +125,13 @@ class Segment:
 
     def _known(self, parameters: Sequence[float], state: State) -> dict[str, float]:
         """Every name's value: parameters, then what changes from lap to lap, then formulas in their order."""
-        known = _named(parameters)
+        known = named(parameters)
         changing = [q.name for q in self.variables if q.shift is not None]
         known.update(zip(changing, state, strict=True))
         for q in self.variables:
             if q.shift is None:
                 known[q.name] = q.first.value(known)
         return known
-
-
-def _named(parameters: Sequence[float]) -> dict[str, float]:
-    return {f"c{i + 1}": value for i, value in enumerate(parameters)}
 
 
 PATH, COMPUTATION = "path", "computation"

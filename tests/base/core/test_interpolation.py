@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.interpolate import LinearNDInterpolator, PchipInterpolator, RegularGridInterpolator
+from scipy.interpolate import LinearNDInterpolator, RegularGridInterpolator
 
 from eadp.core.interpolation import EDGE, interpolant
 from eadp.errors import Infeasible
@@ -67,15 +67,6 @@ def test_measured_configurations_keep_their_values_exactly(curve: tuple[np.ndarr
     for kind in ("linear", "pchip"):
         line = interpolant(knots[::-1, None], values[::-1], kind)  # measured in any order
         assert [line.at((x,)) for x in knots] == list(values)
-
-
-@given(curves(), part)
-def test_pchip_is_scipys(curve: tuple[np.ndarray, np.ndarray], t: float) -> None:
-    knots, values = curve
-    x = float(knots[0] + t * (knots[-1] - knots[0]))
-    smooth = interpolant(knots[:, None], values, "pchip")
-    assert smooth.at((x,)) == pytest.approx(float(PchipInterpolator(knots, values)(x)), abs=1e-7)
-    assert smooth([[x]]) == pytest.approx([smooth.at((x,))])
 
 
 # grids
