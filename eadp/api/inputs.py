@@ -151,8 +151,7 @@ class FlightInputs:
         settings = self.scenario.planner
         if self.mission.vehicle.airspeed_range_mps is None or self.mission.battery.prescribed:
             return None
-        slow = replace(settings.own, airspeed="least-energy")
-        return self._before_take_off(replace(settings, **{settings.name: slow}))
+        return self._before_take_off(replace(settings, own=replace(settings.own, airspeed="least-energy")))
 
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
