@@ -78,7 +78,7 @@ def vehicle_class(vehicle: Any) -> type[VehicleFile]:
     """The class that checks the keys of a vehicle: `VehicleFile`, or one with the airframe of another package."""
     airframe = vehicle.get("airframe") if isinstance(vehicle, dict) else None
     model = _model_of(airframe)
-    kind = None if model in AIRFRAMES else airframe_class(model)
+    kind: Any = None if model in AIRFRAMES else airframe_class(model)
     return VehicleFile if kind is None else _class_of(kind)
 
 

@@ -148,14 +148,6 @@ class Profile:
                 raise Infeasible(self.outside(configuration)) from None
             return self.interpolant.at(self.interpolant.nearest(configuration))
 
-    def contains(self, configuration: Sequence[float]) -> bool:
-        """Whether a configuration of d floats is within the measured range."""
-        return self.interpolant.contains(configuration)
-
-    def nearest(self, configuration: Sequence[float]) -> tuple[float, ...]:
-        """The nearest configuration inside, d floats; see `Interpolant.nearest`."""
-        return self.interpolant.nearest(configuration)
-
     def outside(self, configuration: Sequence[float]) -> str:
         """Why a configuration of d floats is outside the measured range, as text."""
         values = list(zip(self.names, configuration, strict=True))

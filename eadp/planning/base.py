@@ -396,7 +396,7 @@ class SolverReport:
         Runs that were repeated after a failure.
     fallbacks : int
         Re-plannings whose runs failed: the decision is the planner's fallback.
-    outdone : int
+    closed_form_better : int
         Re-plannings where a closed form was better than the solution of OSQP, and was taken.
     by_status : dict
         Runs by the status that they ended with.
@@ -414,7 +414,7 @@ class SolverReport:
     retried: int = 0
     failed: int = 0
     fallbacks: int = 0
-    outdone: int = 0
+    closed_form_better: int = 0
     by_status: dict[str, int] = field(default_factory=dict)
     gaps: list[float] = field(default_factory=list)
     solve_ms: list[float] = field(default_factory=list)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 import itertools
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from eadp.errors import PathUndefined, printable
 from eadp.io.figures.canvas import (
     COLOURS,
     GREY,
+    LABEL_CHARACTERS,
+    LINES,
     START,
     Axes,
     draw_area,
@@ -296,7 +299,8 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
                 color=COLOURS[i],
                 linewidth=1.5,
             )
-            own.set_ylabel(f"{parameter.label} [{parameter.unit}]" if parameter.unit else parameter.label)
+            label = f"{parameter.label} [{parameter.unit}]" if parameter.unit else parameter.label
+            own.set_ylabel(textwrap.fill(label, LABEL_CHARACTERS, max_lines=LINES))
             own.yaxis.label.set_color(COLOURS[i])
             ends = sorted(parameter.shown(end) for end in (plan.hull(i).lo, plan.hull(i).hi))
             margin = 0.06 * (ends[1] - ends[0]) or 1.0
