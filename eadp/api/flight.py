@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import os
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,8 +44,6 @@ AIRSPEEDS = "airspeed_mps", "airspeed_commanded_mps"
 
 WHOLE = 0.995
 """Share of a way that is printed as 100 %: one pack is enough for it, if not with the probability that is asked for."""
-LONGEST_NAME = 200
-"""Longest name of an input [bytes] before which its kind is written."""
 
 
 def summarise(
@@ -66,7 +63,7 @@ def summarise(
     for i, parameter in enumerate(world.plan.parameters):
         record = log.records[i]
         first, last, changes = record.first, record.last, len(record.history)
-        parameters[parameter.name] = own = {"mean": log.mean(i), "first": first, "last": last, "changes": changes}
+        own: dict[str, Any] = {"mean": log.mean(i), "first": first, "last": last, "changes": changes}
         if parameter.kind == PATH:
             own["changes_at"] = [list(change) for change in record.history]
         if parameter.title:
@@ -74,6 +71,7 @@ def summarise(
         if parameter.stands_for is not None:
             shown = parameter.shown
             own["shown"] = {"mean": log.mean(i, shown), "first": shown(first), "last": shown(last)}
+        parameters[parameter.name] = own
     duration_s = outcome.duration_s
     return {
         "schema": SCHEMA,
@@ -353,14 +351,11 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequence[str]) -> None:
-    """Copy inputs into a folder: what they are, their content says."""
-    folder.mkdir()
+    """Copy inputs into a folder, each into one of its kind."""
     for kind, text in sources.items():
-        name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
-        while (folder / name).exists() or name == OVERRIDES:
-            # with another file's name, its kind comes first, and stands alone where the name would be too long
-            name = f"{kind}-{name}" if len(os.fsencode(name)) < LONGEST_NAME else kind
-        (folder / name).write_text(text.body, encoding="utf-8")
+        copy = folder / kind / (Path(text.name).name if text.name != "<stdin>" else "stdin")
+        copy.parent.mkdir(parents=True)
+        copy.write_text(text.body, encoding="utf-8")
     if overrides:
         lines = "".join(f"{line}\n" for line in overrides)
         (folder / OVERRIDES).write_text(lines, encoding="utf-8", errors="surrogateescape")

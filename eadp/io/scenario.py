@@ -450,7 +450,8 @@ def _validated(document: Document) -> ScenarioFile:
     value = {**document.value}
     if "vehicle" in value:
         value["vehicle"] = with_sheet(document, value["vehicle"], ("vehicle",))
-    vehicle, planner, own = vehicle_class(value.get("vehicle")), value.get("planner"), set[str]()
+    vehicle: Any = vehicle_class(value.get("vehicle"))
+    planner, own = value.get("planner"), set[str]()
     if isinstance(planner, dict):
         own = {*planner, str(planner.get("name"))} - PlannerSection.__dataclass_fields__.keys()
     others = tuple(sorted(filter(is_planner, own - {*PLANNERS})))

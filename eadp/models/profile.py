@@ -104,16 +104,6 @@ class Profile:
             object.__setattr__(self, name, column)
         _ = self.interpolant  # what cannot be interpolated is no profile
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Profile):
-            return NotImplemented
-        texts = ("names", "units", "interpolation", "source")
-        return all(getattr(self, name) == getattr(other, name) for name in texts) and all(
-            np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in ARRAYS
-        )
-
-    __hash__ = None  # type: ignore[assignment]
-
     @cached_property
     def interpolant(self) -> Interpolant:
         """The interpolation of power [W] over the configurations; vectorised when called."""

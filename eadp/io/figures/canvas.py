@@ -103,17 +103,14 @@ def stage_style(stages: Sequence[Stage], index: int) -> tuple[str, str]:
 
 @contextmanager
 def figure_pair(
-    path: Path, width_in: float, height_in: float, suffixes: Sequence[str] = tuple(METADATA), *, formulas: bool = False
+    path: Path, width_in: float, height_in: float, suffixes: Sequence[str] = tuple(METADATA)
 ) -> Iterator[Figure]:
-    """A figure saved as SVG and PNG under a name without its ending; same data, same bytes.
-
-    With `formulas`, text between two $ is a formula.
-    """
+    """A figure saved as SVG and PNG under a name without its ending; same data, same bytes."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with mpl.rc_context({**STYLE, "text.parse_math": formulas}), warnings.catch_warnings():
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # of a name: it is drawn as a box
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasAgg(figure)
@@ -136,7 +133,7 @@ def check_figure_name(path: str) -> None:
 
 
 @contextmanager
-def figure_file(path: str, width_in: float, height_in: float, *, formulas: bool = False) -> Iterator[Figure]:
+def figure_file(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
     """A figure saved as SVG or PNG, by the ending of its name; as `figure_pair`.
 
     Raises
@@ -148,7 +145,7 @@ def figure_file(path: str, width_in: float, height_in: float, *, formulas: bool 
     suffix = Path(path).suffix.lower()
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / "figure"
-        with figure_pair(draft, width_in, height_in, [suffix], formulas=formulas) as figure:
+        with figure_pair(draft, width_in, height_in, [suffix]) as figure:
             yield figure
         write_bytes(path, draft.with_suffix(suffix).read_bytes())
 
@@ -250,8 +247,7 @@ def draw_ground(axes: Axes, field: Field | None, airspace: Airspace) -> None:
         if len(airspace.obstacles) <= MAX_NAMED:
             x, y = (sum(values) / len(values) for values in zip(*obstacle.outline, strict=True))
             name = textwrap.fill(obstacle.name, LABEL_CHARACTERS, max_lines=LINES)
-            text: dict[str, Any] = {"fontsize": 7, "ha": "center", "va": "center", "parse_math": False}
-            axes.annotate(name, (x, y), zorder=6, color=COLOURS[6], **text)
+            axes.annotate(name, (x, y), zorder=6, color=COLOURS[6], fontsize=7, ha="center", va="center")
     for ring in airspace.boundary:
         x, y = zip(*ring, ring[0], strict=True)
         axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary")

@@ -40,7 +40,7 @@ _A_HEADER = "a header such as fps,power_w"
 
 _SOURCE = re.compile(r"^[^\S\n]*#[^\S\n]*source:(.*)$", re.IGNORECASE | re.MULTILINE)
 _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
-_POWER = re.compile(r"(.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
+_POWER = re.compile(r"(?:.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
 _NO_PARAMETER = re.compile(
     r"(?:time|timestamp|energy|soc)(?:[ _-](?:s|ms|us|j|mj|wh|mwh))?\Z"
     r"|(?:std|standard_error)[ _-][mk]?w\Z|samples\Z|extrapolated\Z",  # as eadp writes them
@@ -281,25 +281,15 @@ def read_heading(field: str) -> ColumnHeading:
         return ColumnHeading(name, unit, problem=f"{shown} is no name")
     if not unit.isprintable() or len(unit) > 64:
         return ColumnHeading(name, unit, problem=f"{printable(unit, 80)} is no unit")
-    power = _POWER.match(name)
-    return (
-        _power_heading(name, unit, power.group(2) or "", shown, bool(power.group(1)))
-        if power
-        else ColumnHeading(name, unit)
-    )
-
-
-def _power_heading(name: str, unit: str, suffix: str, shown: str, prefixed: bool) -> ColumnHeading:
-    """The heading of a column whose name ends in `power` and perhaps a unit."""
-    given = unit or suffix
+    if not (power := _POWER.match(name)):
+        return ColumnHeading(name, unit)
+    suffix = power.group(1) or ""
     if unit and suffix and _PER_WATT.get(unit) != _PER_WATT.get(suffix):
         return ColumnHeading(name, unit, problem=f"{shown} names two units of power")
-    if not given:
-        return ColumnHeading(name, "", 1.0)
-    if given not in _PER_WATT and (suffix or not prefixed):
+    given = unit or suffix
+    if given and given not in _PER_WATT:
         return ColumnHeading(name, unit, problem=f"{printable(given)} is no known unit of power")
-    # with another unit it is a parameter, such as a transmitter's power [dBm]
-    return ColumnHeading(name, given, _PER_WATT.get(given, 0.0))
+    return ColumnHeading(name, given, _PER_WATT.get(given, 1.0))
 
 
 def _power_column(row: Row, headings: Sequence[ColumnHeading]) -> int:

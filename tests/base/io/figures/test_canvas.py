@@ -89,7 +89,6 @@ def test_long_headlines_and_legends_are_wrapped(tmp_path, legend, label):
 
 def test_a_name_may_hold_any_character(tmp_path):
     square = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0))
-    for formulas in (False, True):
-        with figure_pair(tmp_path / "a", 4.0, 5.0, [".png"], formulas=formulas) as figure:
-            draw_ground(figure.add_subplot(), None, Airspace((Obstacle(square, r"$\bad$ 草地"),)))
-        assert [text.get_text() for text in figure.axes[0].texts] == [r"$\bad$ 草地"]
+    with figure_pair(tmp_path / "a", 4.0, 5.0, [".png"]) as figure:
+        draw_ground(figure.add_subplot(), None, Airspace((Obstacle(square, r"$\bad$ 草地"),)))
+    assert [text.get_text() for text in figure.axes[0].texts] == [r"$\bad$ 草地"]
