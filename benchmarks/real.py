@@ -140,7 +140,7 @@ class Compared(NamedTuple):
     @property
     def right(self) -> bool:
         """Time and energy within two standard deviations, or `SHARE`."""
-        flown = {"time": (self.outcome.duration_s, "s"), "energy": (self.outcome.totals.energy_j / 3600, "wh")}
+        flown = {"time": (self.outcome.duration_s, "s"), "energy": (self.outcome.energy_j / 3600, "wh")}
         return all(
             abs(self.forecast[f"{key}_{unit}"] - value) <= max(2 * self.forecast[f"{key}_std_{unit}"], SHARE * value)
             for key, (value, unit) in flown.items()

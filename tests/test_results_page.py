@@ -59,7 +59,7 @@ def folder(tmp_path_factory):
 
 def test_the_files(folder):
     assert {path.name + "/" * path.is_dir() for path in folder.iterdir()} == set(documented(""))
-    inputs = {path.name for path in (folder / "inputs").iterdir()}
+    inputs = {path.name for path in (folder / "inputs").rglob("*.*")}
     assert inputs == {"survey.plan", "survey.yaml", "pednet-jetson-nano.yaml", "overrides.txt"}
 
 

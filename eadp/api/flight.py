@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import os
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -38,13 +37,13 @@ SCHEMA: Literal["eadp.flight/1"] = "eadp.flight/1"
 SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
+COUNTED = ("calls", "solved", "retried", "failed", "fallbacks", "closed_form_better", "skipped", "infeasible")
+"""Counts of a summary's solver, as of `SolverReport`."""
 AIRSPEEDS = "airspeed_mps", "airspeed_commanded_mps"
 """Columns of `flight.csv` where the airspeed is decided."""
 
 WHOLE = 0.995
 """Share of a way that is printed as 100 %: one pack is enough for it, if not with the probability that is asked for."""
-LONGEST_NAME = 200
-"""Longest name of an input [bytes] before which its kind is written."""
 
 
 def summarise(
@@ -59,27 +58,20 @@ def summarise(
 
     `settings` are the planner's; `expected` is the forecast before take-off, `never_past` as of `FlightInputs`.
     """
-    log, totals, report = outcome.parameters, outcome.totals, flight.planner.report
-    assert log is not None
+    log, report = outcome.parameters, flight.planner.report
     parameters: dict[str, dict[str, Any]] = {}
     for i, parameter in enumerate(world.plan.parameters):
         record = log.records[i]
-        parameters[parameter.name] = {
-            "mean": log.mean(i),
-            "first": record.first,
-            "last": record.last,
-            "changes": len(record.history),
-        }
+        first, last, changes = record.first, record.last, len(record.history)
+        own: dict[str, Any] = {"mean": log.mean(i), "first": first, "last": last, "changes": changes}
         if parameter.kind == PATH:
-            parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]
+            own["changes_at"] = [list(change) for change in record.history]
         if parameter.title:
-            parameters[parameter.name] |= {"title": parameter.title, "unit": parameter.unit}
+            own |= {"title": parameter.title, "unit": parameter.unit}
         if parameter.stands_for is not None:
-            parameters[parameter.name]["shown"] = {
-                "mean": log.mean(i, parameter.shown),
-                "first": parameter.shown(record.first),
-                "last": parameter.shown(record.last),
-            }
+            shown = parameter.shown
+            own["shown"] = {"mean": log.mean(i, shown), "first": shown(first), "last": shown(last)}
+        parameters[parameter.name] = own
     duration_s = outcome.duration_s
     return {
         "schema": SCHEMA,
@@ -92,12 +84,12 @@ def summarise(
         "planner": settings.name,
         "field": None if world.plan.site.field is None else world.plan.site.field.summary,
         "duration_s": round(duration_s, 9),
-        "distance_m": totals.distance_m,
-        "energy_wh": totals.energy_j / 3600,
+        "distance_m": outcome.distance_m,
+        "energy_wh": outcome.energy_j / 3600,
         "power_w": {
-            "mean": totals.energy_j / duration_s if duration_s else None,
-            "min": totals.power_min_w,
-            "max": totals.power_max_w,
+            "mean": outcome.energy_j / duration_s if duration_s else None,
+            "min": outcome.power_min_w,
+            "max": outcome.power_max_w,
         },
         "soc_final": outcome.soc_final,
         "soc_reserve": settings.reserve_soc,
@@ -114,14 +106,7 @@ def summarise(
         "decisions": len(outcome.records),
         "replans": report.replans,
         "solver": {
-            "calls": report.calls,
-            "solved": report.solved,
-            "retried": report.retried,
-            "failed": report.failed,
-            "fallbacks": report.fallbacks,
-            "closed_form_better": report.outdone,
-            "skipped": report.skipped,
-            "infeasible": report.infeasible,
+            **{name: getattr(report, name) for name in COUNTED},
             "by_status": dict(sorted(report.by_status.items())),
             "gap_max": max(report.gaps, default=None),
             "median_ms": statistics.median(report.solve_ms) if report.solve_ms else None,
@@ -142,9 +127,8 @@ def repeatable(summary: Mapping[str, Any]) -> dict[str, Any]:
 def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
     log, rho, duration_s = outcome.parameters, world.plan.path_count, outcome.duration_s
-    assert log is not None
     computing_w = log.computing_j / duration_s
-    motion_w = outcome.totals.energy_j / duration_s - computing_w
+    motion_w = outcome.energy_j / duration_s - computing_w
     means = {name: log.mean(i) for i, name in enumerate(world.plan.names) if i >= rho}
     low, high = (world.computing.extreme(world.plan, end) for end in ("lo", "hi"))
 
@@ -269,7 +253,8 @@ class Flight:
     @cached_property
     def columns(self) -> dict[str, FloatArray]:
         """The columns of `flight.csv` by name, such as time_s, x_m, soc and c1; each an array, shape (steps,)."""
-        return dict(zip(self._names, np.array(self._rows, dtype=float).T, strict=True))
+        names, *rows = self._table
+        return dict(zip(names, np.array(rows, dtype=float).T, strict=True))
 
     @cached_property
     def lists(self) -> dict[str, list[float]]:
@@ -277,29 +262,18 @@ class Flight:
         return {name: column.tolist() for name, column in self.columns.items()}
 
     @cached_property
-    def _rows(self) -> list[list[float]]:
-        return [*map(self._row, self.steps)]
-
-    @property
-    def _names(self) -> list[str]:
-        world = self.inputs.world
-        earth = [] if world.plan.site.origin_deg is None else ["lat_deg", "lon_deg"]
-        fixed = [name for name in Step._fields[:-1] if name not in AIRSPEEDS]
-        return [*fixed, *world.plan.names, *earth, *self._speeds]
-
-    def _row(self, step: Step) -> list[float]:
-        world = self.inputs.world
-        row: list[float] = [round(step.time_s, 9), step.stage, step.x_m, step.y_m, step.altitude_m, step.heading_rad]
-        row += step.power_w, step.power_forecast_w, step.soc
-        row += step.parameters
-        if world.plan.site.origin_deg is not None:
-            row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.site.origin_deg)]
-        return row + [getattr(step, name) for name in self._speeds]
-
-    @property
-    def _speeds(self) -> Sequence[str]:
-        """Columns of the airspeed, which the log has where it is decided."""
-        return () if self.inputs.mission.vehicle.airspeed_range_mps is None else AIRSPEEDS
+    def _table(self) -> list[list[Any]]:
+        """Names and rows of `flight.csv`, which has airspeeds where they are decided."""
+        plan, origin_deg = self.inputs.world.plan, self.inputs.world.plan.site.origin_deg
+        speeds = () if self.inputs.mission.vehicle.airspeed_range_mps is None else AIRSPEEDS
+        fixed, earth = [name for name in Step._fields[:-1] if name not in AIRSPEEDS], ["lat_deg", "lon_deg"]
+        rows: list[list[Any]] = [[*fixed, *plan.names, *(earth if origin_deg else []), *speeds]]
+        for step in self.steps:
+            row = [round(step.time_s, 9), *(getattr(step, name) for name in fixed[1:]), *step.parameters]
+            if origin_deg is not None:
+                row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, origin_deg)]
+            rows.append([*row, *(getattr(step, name) for name in speeds)])
+        return rows
 
     def write(self, folder: str | Path, *, force: bool = False, figure: str | None = None) -> None:
         """Write the result folder, whole or not at all.
@@ -321,7 +295,7 @@ class Flight:
 
         world = self.inputs.world
         with new_folder(str(folder), force=force) as target:
-            _write_csv(target / "flight.csv", [self._names, *self._rows])
+            _write_csv(target / "flight.csv", self._table)
             _write_csv(target / "estimate.csv", self.estimate_rows)
             solver: Mapping[str, Any] = self.summary["solver"]
             timings: dict[str, Any] = {"schema": "eadp.timings/1", "solver": {key: solver[key] for key in CLOCKED}}
@@ -377,14 +351,11 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequence[str]) -> None:
-    """Copy inputs into a folder: what they are, their content says."""
-    folder.mkdir()
+    """Copy inputs into a folder, each into one of its kind."""
     for kind, text in sources.items():
-        name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
-        while (folder / name).exists() or name == OVERRIDES:
-            # with another file's name, its kind comes first, and stands alone where the name would be too long
-            name = f"{kind}-{name}" if len(os.fsencode(name)) < LONGEST_NAME else kind
-        (folder / name).write_text(text.body, encoding="utf-8")
+        copy = folder / kind / (Path(text.name).name if text.name != "<stdin>" else "stdin")
+        copy.parent.mkdir(parents=True)
+        copy.write_text(text.body, encoding="utf-8")
     if overrides:
         lines = "".join(f"{line}\n" for line in overrides)
         (folder / OVERRIDES).write_text(lines, encoding="utf-8", errors="surrogateescape")

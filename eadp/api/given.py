@@ -7,8 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, NamedTuple
 
 from eadp.errors import Fault
 from eadp.io.text.options import Flag
@@ -45,35 +44,16 @@ def python_warnings(faults: Sequence[Fault]) -> None:
         warnings.warn(str(fault), stacklevel=3)
 
 
-class FlownJob(Protocol):
-    """All flights of a job that was flown."""
+class JobKind(NamedTuple):
+    """A kind of job: the name of its document in its folder, and what flies all of it.
 
-    @property
-    def summary(self) -> dict[str, Any]:
-        """With the keys of a flight's summary that both have: completed, reserve_kept, duration_s and others."""
-
-    def text(self) -> list[str]:
-        """A summary for people, line by line."""
-
-    def write(self, folder: str | Path, *, force: bool = False) -> None:
-        """Write a result folder; raises InputError as `Flight.write`."""
-
-
-class JobKind(Protocol):
-    """A kind of job: the name of its document in its folder, and how it is flown."""
+    `simulate` takes the folder, overrides, a seed, `on_flight`, called with the name of each flight, and `warn`, and
+    raises InputError with the faults of the folder. What it returns has `summary`, with the keys that a flight's has,
+    `text`, its lines for people, and `write` as `Flight` has.
+    """
 
     document: str
-
-    def simulate(
-        self,
-        folder: File,
-        overrides: Overrides = (),
-        seed: int = 0,
-        *,
-        on_flight: Callable[[str], None],
-        warn: Warn,
-    ) -> FlownJob:
-        """Fly all of it; raises InputError with the faults of the folder."""
+    simulate: Callable[..., Any]
 
 
 def job_in(path: str) -> JobKind | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
@@ -35,7 +35,7 @@ from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import LAND, TAKEOFF, Leg, Stage, leg_points
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
 from eadp.models.profile import Profile, configuration_text
-from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
+from eadp.models.vehicle import Airframe, PaperVehicle
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.forecast.held import Preflight
@@ -151,8 +151,7 @@ class FlightInputs:
         settings = self.scenario.planner
         if self.mission.vehicle.airspeed_range_mps is None or self.mission.battery.prescribed:
             return None
-        slow = replace(settings.own, airspeed="least-energy")
-        return self._before_take_off(replace(settings, **{settings.name: slow}))
+        return self._before_take_off(replace(settings, own=replace(settings.own, airspeed="least-energy")))
 
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
@@ -219,7 +218,9 @@ def load_flight(
     place = "" if computations is None else sources["profile"].name
     computing = _computing(flown, plan_source, computations, place)
     if computations is not None and not may_compute(flown):
-        warnings.append(_load_note(computations, place, computing))
+        at = configuration_text(computations.names, load_configuration(computations), ",")
+        load = f"a constant load of {computing.load_w:.2f} W at {at}, its highest"
+        warnings.append(Fault(place, 1, 1, f"the plan has no parameter for it: {load}", severity="note"))
     if isinstance(energy, EnergyModel):
         sources["energy"], model = Given(energy, "given-energy.yaml", energy_yaml), energy
     elif energy is not None:
@@ -277,15 +278,6 @@ def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source,
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
         plan = replace(plan, stages=tuple(level))
     return text, plan, warnings
-
-
-@contextlib.contextmanager
-def _at_key(scenario: Scenario, key: str, expected: str, what: str = "") -> Iterator[None]:
-    """What eadp raises within is a fault at a key of the scenario."""
-    try:
-        yield
-    except EadpError as error:
-        raise InputError(scenario.fault(key, f"{what}{error}", expected)) from None
 
 
 def _named(plan: Plan, text: Source, profile: Profile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
@@ -398,15 +390,24 @@ def _mission(world: World, energy: EnergyModel | None, overshot: Sequence[Oversh
 
 
 def _check_aircraft(plan: Plan, text: Source, scenario: Scenario) -> None:
-    """The aircraft can fly, and faster than the wind."""
+    """The aircraft can fly, at the airspeeds of the stages, too, and faster than the wind."""
     vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speeds_mps[1]
     refuse([scenario.fault("vehicle.airframe", fault, "an aeroplane that can fly so") for fault in vehicle.faults()])
     if wind_mps >= vehicle.airspeed_mps:
         message = f"a wind of {wind_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
         key = "wind.profile" if scenario.keys.wind.profile else "wind.speed_mps"
         raise InputError(scenario.fault(key, message, "a wind below the airspeed"))
-    if not isinstance(vehicle, PaperVehicle):
-        _check_airspeeds(plan, text, vehicle, wind_mps)
+    if isinstance(vehicle, PaperVehicle):
+        return
+    checked = {stage.airspeed_mps: stage for stage in reversed(plan.stages) if stage.airspeed_mps is not None}
+    faults = []
+    for airspeed_mps, stage in checked.items():
+        found = replace(vehicle, airspeed_mps=airspeed_mps).faults()
+        if wind_mps >= airspeed_mps:
+            found.append(f"a wind of {wind_mps:g} m/s, at an airspeed of {airspeed_mps:g} m/s")
+        expected = "an airspeed at which the aircraft can fly"
+        faults += [Fault(text.name, stage.line, 1, f"stage {stage.index}: {what}", expected) for what in found]
+    refuse(faults)
 
 
 def _check_battery(scenario: Scenario, computing_w: float) -> None:
@@ -447,21 +448,6 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     return vehicle.cruise_altitude_m if first_m is None else first_m
 
 
-def _check_airspeeds(plan: Plan, text: Source, vehicle: Aeroplane, wind_mps: float) -> None:
-    """The aircraft can fly at the airspeeds of the stages, and faster than the wind."""
-    checked = {stage.airspeed_mps: stage for stage in reversed(plan.stages) if stage.airspeed_mps is not None}
-    faults = []
-    for airspeed_mps, stage in checked.items():
-        found = replace(vehicle, airspeed_mps=airspeed_mps).faults()
-        if wind_mps >= airspeed_mps:
-            found.append(f"a wind of {wind_mps:g} m/s, at an airspeed of {airspeed_mps:g} m/s")
-        faults += [
-            Fault(text.name, stage.line, 1, f"stage {stage.index}: {what}", "an airspeed at which the aircraft can fly")
-            for what in found
-        ]
-    refuse(faults)
-
-
 def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
     """The plan's own sets, else the scenario's bounds."""
     if plan.has_sets:
@@ -469,8 +455,10 @@ def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
             raise InputError(scenario.fault("bounds", "bounds for a plan whose stages carry sets", "one or the other"))
         return plan
     if scenario.bounds:
-        with _at_key(scenario, "bounds", "bounds for every parameter"):
+        try:
             return plan.with_bounds(scenario.bounds)
+        except EadpError as error:
+            raise InputError(scenario.fault("bounds", str(error), "bounds for every parameter")) from None
     if plan.path_count or plan.computations:
         what = "the stages carry no sets and the scenario no bounds"
         raise InputError.at(text.name, plan.stages[0].line, 1, what, "sets like [-1000, 0] after each trigger")
@@ -489,18 +477,9 @@ def _computing(plan: Plan, text: Source, profile: Profile | None, place: str) ->
         raise InputError.at(place, 1, 1, str(error), "a profile of the plan's computations") from None
 
 
-def _load_note(profile: Profile, place: str, computing: Computing) -> Fault:
-    """What a profile beside a plan without computations counts as."""
-    at = configuration_text(profile.names, load_configuration(profile), ",")
-    message = f"the plan has no parameter for it: a constant load of {computing.load_w:.2f} W at {at}, its highest"
-    return Fault(place, 1, 1, message, severity="note")
-
-
 def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
     """Parameters at take-off: as stated, else each at its maximum."""
-    faults = []
-    values = []
-    given = dict(scenario.keys.parameters)
+    faults, values, given = [], [], dict(scenario.keys.parameters)
     for i, name in enumerate(plan.names):
         box = plan.hull(i)
         value = given.pop(name, box.hi)
@@ -508,10 +487,8 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
             message = f"{name} = {value:.10g} is outside its set"
             faults.append(scenario.fault(f"parameters.{name}", message, f"a value in [{box.lo:.10g}, {box.hi:.10g}]"))
         values.append(value)
-    for name in given:
-        faults.append(scenario.unknown_parameter(f"parameters.{name}", name, plan))
-    if faults:
-        raise InputError(*faults)
+    faults += [scenario.unknown_parameter(f"parameters.{name}", name, plan) for name in given]
+    refuse(faults)
     return tuple(values)
 
 
@@ -524,8 +501,7 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
         for name in values
         if name not in plan.names
     ]
-    if faults and plan.names:  # a plan without parameters may share a scenario with others
-        raise InputError(*faults)
+    refuse(faults if plan.names else [])  # a plan without parameters may share a scenario with others
 
 
 def _check_planner(scenario: Scenario, mission: Mission) -> None:
@@ -559,8 +535,7 @@ def _check_paths(plan: Plan, text: Source, parameters: Vector) -> None:
                 message = f"{error}" + (f", at {at}" if at else "")
                 faults.append(Fault(text.name, stage.line, 1, message, "a path that can be flown"))
                 break
-    if faults:
-        raise InputError(*faults)
+    refuse(faults)
 
 
 def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.io.scenario import Scenario, battery_keys
+from eadp.io.scenario import Scenario
 from eadp.models.airspace import BOUNDARY, risk_text
 from eadp.models.battery import LOSS
 from eadp.models.plan.plan import Plan
@@ -31,19 +31,12 @@ def setting_text(scenario: Scenario) -> str:
     stated = f", by its data sheet: power ± {100 * airframe.power_std_share:.0f} %" if keys.vehicle.data_sheet else ""
     shown = {
         "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s{stated}",
-        "battery": f"battery {battery.voltage_v:.4g} V, {_pack_text(scenario)}",
+        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:.4g} Ah",
         "wind": f"wind {speed:g} m/s"
         + (f" from {(compass_deg(math.atan2(north, east)) + 180) % 360:.0f}°" if speed else "")
         + (f" at take-off, up to {wind.speeds_mps[1]:g} m/s" if wind.profile else ""),
     }
     return "; ".join(text + ("" if key in chosen else " (default)") for key, text in shown.items())
-
-
-def _pack_text(scenario: Scenario) -> str:
-    """The capacity of a battery, and the resistance that is assumed of its cells."""
-    battery, keys = scenario.keys.battery, battery_keys(scenario.document, scenario.keys.vehicle.battery)
-    assumed = "resistance_ohm" not in keys and battery.cells is not None
-    return f"{battery.capacity_ah:.4g} Ah" + (f" (assumed: {1000 * battery.resistance_ohm:.3g} mΩ)" if assumed else "")
 
 
 def counted_text(scenario: Scenario, plan: Plan, expected: Mapping[str, Any]) -> str:

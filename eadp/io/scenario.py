@@ -11,7 +11,8 @@ import itertools
 import json
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, make_dataclass, replace
+from dataclasses import dataclass, field, fields, make_dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -39,8 +40,9 @@ from eadp.io.vehicle import (
     airframe_faults,
     battery_faults,
     given_twice,
+    vehicle_class,
     vehicle_of,
-    without_plug_in,
+    with_sheet,
 )
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery, BatteryFault
@@ -49,7 +51,7 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box, Parameter
 from eadp.models.vehicle import Guidance, PaperVehicle
 from eadp.models.weather import Sensors, Wind
-from eadp.planning.base import PlannerSettings
+from eadp.planning.base import PlannerSettings, SharedSettings
 from eadp.planning.registry import DEFAULT, PLANNERS, is_planner, planner_class, planner_names
 from eadp.plug_ins import plug_in
 
@@ -60,40 +62,28 @@ ParameterName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Pair = tuple[Coordinate, Coordinate]
 TextSource = Callable[[str], Text]
 
-UNWRITTEN = {"reserve_soc": "reserve_soc", "plug_in": "a section of the planner's name", "estimator": "estimator"}
-"""Keys of the planner's settings that no file has, and what stands for them."""
-
-
-def _without_unwritten(_cls: Any, core: Any, handler: Any) -> dict[str, Any]:
-    """Complete the planner's schema: the reserve is a key of the scenario."""
-    reference: dict[str, Any] = handler(core)
-    properties = handler.resolve_ref_schema(reference)["properties"]
-    for key in UNWRITTEN:
-        del properties[key]
-    return reference
-
 
 def _or_path(node: dict[str, Any]) -> None:
     """Complete the vehicle's schema: the path of a file stands for its content."""
     node["anyOf"] = [{"type": "string"}, {"$ref": node.pop("$ref")}]
 
 
-def _planner_section() -> type[PlannerSettings]:
-    """Section `planner`: the shared settings, and a section of each planner's own."""
+@cache
+def _planner_section(others: tuple[str, ...] = ()) -> type[SharedSettings]:
+    """Section `planner`: the shared settings, and a section of each planner's own, those of other packages too."""
     name = Field(description=f"Planner that flies: {', '.join(PLANNERS)}.", json_schema_extra={"enum": [*PLANNERS]})
     keys: list[Any] = [("name", Annotated[str, name], DEFAULT)]
-    for planner in PLANNERS:
+    for planner in (*PLANNERS, *others):
         own: Any = planner_class(planner).own_settings
         if own is not None:
             described: Any = Annotated[own, Field(description=f"Settings of planner {planner} alone.")]
             keys.append((planner, described, field(default_factory=own)))
-    own_schema = {"__pydantic_config__": STRICT, "__get_pydantic_json_schema__": classmethod(_without_unwritten)}
-    named = {"__module__": __name__, "__doc__": _planner_section.__doc__}  # pickle finds a class by its module
-    return make_dataclass("PlannerSection", keys, bases=(PlannerSettings,), frozen=True, namespace=own_schema | named)
+    named = {"__pydantic_config__": STRICT, "__module__": __name__, "__doc__": SharedSettings.__doc__}
+    return make_dataclass("PlannerSection", keys, bases=(SharedSettings,), frozen=True, namespace=named)
 
 
 if TYPE_CHECKING:
-    PlannerSection = PlannerSettings
+    PlannerSection = SharedSettings
     EstimatorSettings = Any
 else:
     PlannerSection = _planner_section()
@@ -249,7 +239,10 @@ class Scenario:
     @property
     def planner(self) -> PlannerSettings:
         """The planner's settings."""
-        return replace(self.keys.planner, reserve_soc=self.keys.reserve_soc, estimator=self.keys.estimator)
+        keys, section = self.keys, self.keys.planner
+        shared: dict[str, Any] = {each.name: getattr(section, each.name) for each in fields(SharedSettings)}
+        own = getattr(section, section.name, None)
+        return PlannerSettings(**shared, reserve_soc=keys.reserve_soc, own=own, estimator=keys.estimator)
 
     @property
     def bounds(self) -> dict[str, Box]:
@@ -416,7 +409,10 @@ def scenario_of(
 
 
 def _checked(document: Document, vehicle_text: Text | None) -> Scenario:
-    refuse(_raw_faults(without_nulls(document.value), document))
+    raw = without_nulls(document.value)
+    vehicle = raw.get("vehicle")
+    faults = airframe_faults(document, vehicle, ("vehicle",)) + given_twice(document, vehicle, ("vehicle",))
+    refuse(faults + given_twice(document, raw))
     keys = _validated(document)
     given = battery_keys(document, keys.vehicle.battery)
     battery = validated_at(("battery",), Battery, document, given)
@@ -439,34 +435,28 @@ def battery_keys(document: Document, battery: Battery) -> dict[str, Any]:
     return without_nulls(kept | own)  # type: ignore[no-any-return]
 
 
+@cache
+def _class_of(vehicle: Any, planners: tuple[str, ...]) -> type[ScenarioFile]:
+    """`ScenarioFile` with another class of the vehicle, and with sections of planners of other packages."""
+    planner = _planner_section(planners)
+    keys: Any = [
+        (name, kind, field(default_factory=kind)) for name, kind in (("vehicle", vehicle), ("planner", planner))
+    ]
+    return make_dataclass("ScenarioFile", keys, bases=(ScenarioFile,), frozen=True, namespace={"__module__": __name__})
+
+
 def _validated(document: Document) -> ScenarioFile:
-    """The keys of a scenario; those of other packages are checked apart, and put in their places."""
-    rest: dict[str, Any] = dict(document.value)
-    vehicle, airframe = without_plug_in(document, rest.get("vehicle"), ("vehicle",))
-    if vehicle is not None:
-        rest["vehicle"] = vehicle
-    planner, own = rest.get("planner"), dict[str, Any]()
+    """The keys of a scenario, those of other packages among them."""
+    value = {**document.value}
+    if "vehicle" in value:
+        value["vehicle"] = with_sheet(document, value["vehicle"], ("vehicle",))
+    vehicle: Any = vehicle_class(value.get("vehicle"))
+    planner, own = value.get("planner"), set[str]()
     if isinstance(planner, dict):
-        others = [key for key in planner if key not in PlannerSection.__dataclass_fields__ and is_planner(str(key))]
-        own = {name: _own_settings(document, name, planner[name]) for name in others}
-        rest["planner"] = {key: value for key, value in planner.items() if key not in own}
-    keys = validated(ScenarioFile, document, rest, lambda keys: _faults(keys, document))
-    if airframe is not None:
-        keys = replace(keys, vehicle=replace(keys.vehicle, airframe=airframe))
-    name = keys.planner.name
-    if name not in PLANNERS:
-        settings = own[name] if name in own else _own_settings(document, name, {})
-        keys = replace(keys, planner=replace(keys.planner, plug_in=settings))
-    return keys
-
-
-def _own_settings(document: Document, name: str, section: Any) -> Any:
-    """The settings of another package's planner; None where it has none."""
-    kind = planner_class(name).own_settings
-    if kind is None:
-        refuse([document.fault(("planner", name), f"planner {name} has no settings of its own")] if section else [])
-        return None
-    return validated_at(("planner", name), kind, document, without_nulls(section or {}))
+        own = {*planner, str(planner.get("name"))} - PlannerSection.__dataclass_fields__.keys()
+    others = tuple(sorted(filter(is_planner, own - {*PLANNERS})))
+    kind = ScenarioFile if vehicle is VehicleFile and not others else _class_of(vehicle, others)
+    return validated(kind, document, value, lambda keys: _faults(keys, document))
 
 
 def _vehicle_keys(text: Text) -> Any:
@@ -581,16 +571,6 @@ REPLACED = {
     "battery.cells": ("voltage_v", "voltage_empty_v"),
 }
 """Keys that an override of another one removes: two ways to give one thing."""
-
-
-def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
-    """What shows in the keys given, and no longer in the settings."""
-    faults = airframe_faults(document, value.get("vehicle"), ("vehicle",))
-    faults += given_twice(document, value) + given_twice(document, value.get("vehicle"), ("vehicle",))
-    planner = value.get("planner")
-    for key in UNWRITTEN.keys() & planner.keys() if isinstance(planner, dict) else ():
-        faults.append(document.fault(("planner", key), f"unknown key planner.{key}", UNWRITTEN[key]))
-    return faults
 
 
 def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, make_dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import Discriminator, Tag
@@ -66,6 +67,21 @@ class VehicleFile:
     """What was not identified, and what was taken instead."""
 
 
+@cache
+def _class_of(airframe: Any) -> type[VehicleFile]:
+    """`VehicleFile` with an airframe of another package in place of those of eadp."""
+    keys: Any = [("airframe", airframe, field(default_factory=airframe))]
+    return make_dataclass("VehicleFile", keys, bases=(VehicleFile,), frozen=True, namespace={"__module__": __name__})
+
+
+def vehicle_class(vehicle: Any) -> type[VehicleFile]:
+    """The class that checks the keys of a vehicle: `VehicleFile`, or one with the airframe of another package."""
+    airframe = vehicle.get("airframe") if isinstance(vehicle, dict) else None
+    model = _model_of(airframe)
+    kind: Any = None if model in AIRFRAMES else airframe_class(model)
+    return VehicleFile if kind is None else _class_of(kind)
+
+
 def vehicle_of(document: Document) -> VehicleFile:
     """The vehicle that a document describes.
 
@@ -76,29 +92,11 @@ def vehicle_of(document: Document) -> VehicleFile:
     """
     value = without_nulls(document.value)
     refuse(airframe_faults(document, value) + given_twice(document, value))
-    value, airframe = without_plug_in(document, document.value)
-    keys = validated(VehicleFile, document, value, lambda keys: battery_faults(document, keys.battery))
-    return keys if airframe is None else replace(keys, airframe=airframe)
+    value = with_sheet(document, document.value)
+    return validated(vehicle_class(value), document, value, lambda keys: battery_faults(document, keys.battery))
 
 
-def without_plug_in(document: Document, vehicle: Any, at: Path = ()) -> tuple[Any, Airframe | None]:
-    """The keys of a vehicle, at a path, with those of its data sheet, without an airframe of another package; and that.
-
-    Raises
-    ------
-    InputError
-        With the faults of that airframe.
-    """
-    vehicle = _with_sheet(document, vehicle, at)
-    keys = vehicle.get("airframe") if isinstance(vehicle, dict) else None
-    if not isinstance(keys, dict) or _model_of(keys) in AIRFRAMES:
-        return vehicle, None
-    rest = {key: value for key, value in vehicle.items() if key != "airframe"}
-    kind: Any = airframe_class(_model_of(keys))
-    return rest, validated_at((*map(str, at), "airframe"), kind, document, without_nulls(keys))
-
-
-def _with_sheet(document: Document, vehicle: Any, at: Path) -> Any:
+def with_sheet(document: Document, vehicle: Any, at: Path = ()) -> Any:
     """The keys of a vehicle, at a path, with an airframe by its data sheet under the keys that are given.
 
     Raises

@@ -66,7 +66,7 @@ def may_compute(plan: Plan) -> bool:
 
 def load_configuration(profile: Profile) -> tuple[float, ...]:
     """Configuration of a constant load: the highest values, or the nearest inside."""
-    return profile.nearest([profile.range_of(name)[1] for name in profile.names])
+    return profile.interpolant.nearest(profile.interpolant.upper)
 
 
 def join_profile(plan: Plan, profile: Profile | None) -> Computing:

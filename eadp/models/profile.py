@@ -104,16 +104,6 @@ class Profile:
             object.__setattr__(self, name, column)
         _ = self.interpolant  # what cannot be interpolated is no profile
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Profile):
-            return NotImplemented
-        texts = ("names", "units", "interpolation", "source")
-        return all(getattr(self, name) == getattr(other, name) for name in texts) and all(
-            np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in ARRAYS
-        )
-
-    __hash__ = None  # type: ignore[assignment]
-
     @cached_property
     def interpolant(self) -> Interpolant:
         """The interpolation of power [W] over the configurations; vectorised when called."""
@@ -147,14 +137,6 @@ class Profile:
             if not clamp:
                 raise Infeasible(self.outside(configuration)) from None
             return self.interpolant.at(self.interpolant.nearest(configuration))
-
-    def contains(self, configuration: Sequence[float]) -> bool:
-        """Whether a configuration of d floats is within the measured range."""
-        return self.interpolant.contains(configuration)
-
-    def nearest(self, configuration: Sequence[float]) -> tuple[float, ...]:
-        """The nearest configuration inside, d floats; see `Interpolant.nearest`."""
-        return self.interpolant.nearest(configuration)
 
     def outside(self, configuration: Sequence[float]) -> str:
         """Why a configuration of d floats is outside the measured range, as text."""

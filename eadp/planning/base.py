@@ -334,8 +334,8 @@ class TradeOff:
 
 
 @dataclass(frozen=True)
-class PlannerSettings:
-    """Settings that planners share; each planner's own settings stand beside it."""
+class SharedSettings:
+    """The planner and its settings; sections of planners that do not fly are checked and unused."""
 
     name: str = ""
     """Name of the planner in the registry."""
@@ -349,19 +349,19 @@ class PlannerSettings:
     levels: Mapping[str, Levels] = field(default_factory=dict)
     """Values that a computation may take, by name; by default those of the profile."""
 
+
+@dataclass(frozen=True)
+class PlannerSettings(SharedSettings):
+    """Settings that a planner is made of."""
+
     reserve_soc: Reserve = 0.05
     """State of charge to keep at the end of the flight, as a share of the full charge."""
 
-    plug_in: Any = None
-    """Settings of the planner that is named, where it is another package's."""
+    own: Any = None
+    """The planner's own settings; None where it has none."""
 
     estimator: Any = field(default_factory=lambda: plug_in("estimators", "power").own_settings())
     """Settings of the estimator of the power."""
-
-    @property
-    def own(self) -> Any:
-        """The section of the planner that is named; None without one."""
-        return getattr(self, self.name, self.plug_in)
 
 
 TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
@@ -396,7 +396,7 @@ class SolverReport:
         Runs that were repeated after a failure.
     fallbacks : int
         Re-plannings whose runs failed: the decision is the planner's fallback.
-    outdone : int
+    closed_form_better : int
         Re-plannings where a closed form was better than the solution of OSQP, and was taken.
     by_status : dict
         Runs by the status that they ended with.
@@ -414,7 +414,7 @@ class SolverReport:
     retried: int = 0
     failed: int = 0
     fallbacks: int = 0
-    outdone: int = 0
+    closed_form_better: int = 0
     by_status: dict[str, int] = field(default_factory=dict)
     gaps: list[float] = field(default_factory=list)
     solve_ms: list[float] = field(default_factory=list)

@@ -18,14 +18,11 @@ from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.cli.output import emit
 from eadp.errors import EadpError, InputError, printable
 from eadp.io.page import PageSource, check_page, page_html, page_of
-from eadp.io.plan.reader import read_plan
-from eadp.io.plan.sources import is_mission
 from eadp.io.scenario import read_overrides, vehicle_path
 from eadp.io.text.csv import number_fault, read_rows
 from eadp.io.text.json import json_lines
 from eadp.io.text.options import Flag
-from eadp.io.text.streams import Text, output_file, read_text, write_text
-from eadp.io.text.yaml import read_yaml
+from eadp.io.text.streams import output_file, read_text, write_text
 from eadp.plug_ins import plug_ins
 from eadp.report.flight import FlownFlight, flight_data
 
@@ -170,42 +167,16 @@ def _table(path: Path) -> list[list[Any]]:
 
 
 def _inputs(folder: Path) -> FlightInputs:
-    """The flight of the copies of its inputs, which are recognised by their content."""
-    paths = _paths(folder)
+    """The flight of the copies of its inputs, each in a folder of its kind."""
+    paths = {path.parent.name: str(path) for path in folder.glob("*/*")}
     if "plan" not in paths:
         raise InputError.at(str(folder), 1, 1, "has no plan", "the copies of a flight's inputs")
     given = folder / OVERRIDES
     overrides = read_overrides(read_text(str(given)).body.splitlines()) if given.exists() else {}
     files = Files()
     if "vehicle" in paths:
-        document = files.document(paths.get("scenario"))
-        named = vehicle_path(document, overrides)
+        named = vehicle_path(files.document(paths.get("scenario")), overrides)
         if named is not None:
             files.texts[named] = files.text(paths["vehicle"])
     chosen: dict[str, Any] = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy")}
     return load_flight(paths["plan"], **chosen, overrides=overrides, files=files)
-
-
-def _paths(folder: Path) -> dict[str, str]:
-    """The paths of the inputs by kind."""
-    paths: dict[str, str] = {}
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-        if path.name != OVERRIDES and path.is_file():
-            paths[_kind(read_text(str(path)))] = str(path)
-    return paths
-
-
-def _kind(text: Text) -> str:
-    """What an input is: of YAML its schema says it; else a plan or a mission, or a profile's measurements."""
-    if is_mission(text):
-        return "plan"
-    try:
-        document = read_yaml(text).value
-        return str(document["schema"]).removeprefix("eadp.").partition("/")[0]
-    except (InputError, TypeError, KeyError):
-        pass
-    try:
-        read_plan(text)
-    except InputError:
-        return "profile"
-    return "plan"

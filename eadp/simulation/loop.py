@@ -36,7 +36,7 @@ from eadp.simulation.inner_loop import (
     InnerLoop,
     Measured,
 )
-from eadp.simulation.metrics import FlightTotals, ParameterLog, SensorSuite
+from eadp.simulation.metrics import ParameterLog, SensorSuite
 
 COMPLETED = "final point reached"
 RETURNED = "returned home"
@@ -60,10 +60,13 @@ class Outcome:
     soc_final: float = 0.0
     battery_limit: str | None = None
     """Limit of the battery that ended the flight, or else the one that bound in most re-plannings."""
-    totals: FlightTotals = field(default_factory=FlightTotals)
+    energy_j: float = 0.0
+    distance_m: float = 0.0
+    power_min_w: float = math.inf
+    power_max_w: float = -math.inf
     entries: list[Entry] = field(default_factory=list)
     """Obstacles that the flight was in, by time; a flight that was in one is not completed."""
-    parameters: ParameterLog | None = None
+    parameters: ParameterLog = field(init=False)
     stage_times_s: list[float] = field(default_factory=list)
     turned_back_s: float | None = None
     turned_back_m: Point | None = None
@@ -265,10 +268,9 @@ class _Flight:
         """Fill in the outcome of a flight that has ended."""
         variable, outcome, time_s = self._inner_loop.variable, self._outcome, self._k * self._world.clock.step_s
         # the inner loop sums power and ground speed over the steps
-        totals = outcome.totals
-        totals.energy_j = variable(ENERGY) * self._world.clock.step_s
-        totals.distance_m = variable(DISTANCE) * self._world.clock.step_s
-        totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
+        outcome.energy_j = variable(ENERGY) * self._world.clock.step_s
+        outcome.distance_m = variable(DISTANCE) * self._world.clock.step_s
+        outcome.power_min_w, outcome.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
         # where, and how fast, the rest of the plan would have been flown
         short_of = (variable(X), variable(Y)), self._world.vehicle.airspeed_mps
         self._log.close(time_s, None if outcome.completed else short_of)
@@ -373,9 +375,7 @@ class _PlannerBridge:
         step_s = self._step_s
         times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
         airspeeds_mps = [math.nan] * len(times_s)  # not measured
-        self._flight.take(
-            Readings(times_s, *columns, airspeeds_mps=airspeeds_mps)
-        )  # columns in the order of `Measured`
+        self._flight.take(Readings(times_s, *columns, airspeeds_mps))
 
 
 def step_at(time_s: float, step_s: float, max_step: int) -> int:

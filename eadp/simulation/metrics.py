@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -16,16 +15,6 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import RouteArrays, RoutePredictor
 from eadp.models.plan.stage import Box, left_m
 from eadp.models.weather import Sensors
-
-
-@dataclass
-class FlightTotals:
-    """Sums over a flight, added to at every step and at every change of parameters."""
-
-    energy_j: float = 0.0
-    distance_m: float = 0.0
-    power_min_w: float = math.inf
-    power_max_w: float = -math.inf
 
 
 @dataclass
@@ -65,13 +54,7 @@ class ParameterLog:
         Power of the computations [W].
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        cursor: PlanCursor,
-        joined_m: Point,
-        computing_w: float = 0.0,
-    ) -> None:
+    def __init__(self, plan: Plan, cursor: PlanCursor, joined_m: Point, computing_w: float = 0.0) -> None:
         self._plan = plan
         self.computing_j = 0.0
         self._since_s = 0.0  # the time up to which integrals are [s]; from there on these are in force:
@@ -211,35 +194,21 @@ class SensorSuite:
         self._out = float(self._durations.random()) < share  # whether it starts in a drop-out
         self._state_ends = self._duration()
 
-    def power_w(self, step: int, power_w: float) -> float | None:
-        """A measured power [W]; None in a drop-out. Advances the drop-outs to the step."""
-        sensors = self._sensors
-        if sensors.drop_out_share:
-            while step > self._state_ends:
-                self._out = not self._out
-                self._state_ends += self._duration()
-            if self._out:
-                return None
-        return power_w + sensors.power_noise_w * self._row(step)[OF_POWER] if sensors.power_noise_w else power_w
-
-    def soc(self, step: int, soc: float) -> float:
-        """A measured state of charge."""
-        noise = self._sensors.soc_noise
-        return min(1.0, max(0.0, soc + noise * self._row(step)[OF_SOC])) if noise else soc
-
-    def position_m(self, step: int, x_m: float, y_m: float) -> tuple[float, float]:
-        """A measured position [m]."""
-        std_m = self._sensors.position_noise_m
-        if not std_m:
-            return x_m, y_m
-        row = self._row(step)
-        return x_m + std_m * row[OF_X], y_m + std_m * row[OF_Y]
-
     def measured(
         self, step: int, x_m: float, y_m: float, power_w: float, soc: float
     ) -> tuple[tuple[float, float], float | None, float]:
         """Position [m], power [W], None in a drop-out, and state of charge, as measured at a step."""
-        return self.position_m(step, x_m, y_m), self.power_w(step, power_w), self.soc(step, soc)
+        sensors, noise = self._sensors, self._row(step)
+        position_m = x_m + sensors.position_noise_m * noise[OF_X], y_m + sensors.position_noise_m * noise[OF_Y]
+        measured_w = None if self._drops_out(step) else power_w + sensors.power_noise_w * noise[OF_POWER]
+        return position_m, measured_w, min(1.0, max(0.0, soc + sensors.soc_noise * noise[OF_SOC]))
+
+    def _drops_out(self, step: int) -> bool:
+        """Whether a step has no reading of the power."""
+        while step > self._state_ends:
+            self._out = not self._out
+            self._state_ends += self._duration()
+        return self._out
 
     def _row(self, step: int) -> list[float]:
         """Standard normal numbers of a step, one for each channel."""

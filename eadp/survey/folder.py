@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from eadp.api.flight import Flight, fly_flight
-from eadp.api.given import File, Overrides, Warn, python_warnings
+from eadp.api.given import File, JobKind, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, load_flight
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.polygons import Ring, covered_shares, ground_m2, inner_point, strips, uncovered
@@ -232,11 +232,5 @@ def simulate_sorties(
     return JobFlight(job_summary, flights, left)
 
 
-class _SortieJobs:
-    """Folders of sorties as jobs."""
-
-    document = SORTIES
-    simulate = staticmethod(simulate_sorties)
-
-
-SORTIE_JOBS = _SortieJobs()
+SORTIE_JOBS = JobKind(SORTIES, simulate_sorties)
+"""Folders of sorties as jobs."""

@@ -27,8 +27,9 @@ from eadp.sweep.results import (
     COLUMNS,
     Results,
     SweepFlight,
+    completed_interval,
+    distinct,
     label_of,
-    totals,
 )
 from eadp.sweep.run import missing_runs
 from eadp.sweep.sweep_file import Sweep, read_sweep
@@ -111,9 +112,9 @@ def command(
         if out is not None:
             write_page(out, options.keep)
         flights = sweep.flights(results.rows())
-        whole = totals(flights)
-        if whole.distinct < whole.flights:
-            few = f"{whole.flights} flights are {whole.distinct} distinct ones"
+        made, own = sum(flight.error is None for flight in flights), len(distinct(flights))
+        if own < made:
+            few = f"{made} flights are {own} distinct ones"
             sys.stderr.write(f"sweep: warning: {few}: seeds change nothing where wind and sensors have no noise\n")
         if output.junit is not None:
             write_text(output.junit, junit_of(sweep, flights, require or "completed"))
@@ -311,15 +312,14 @@ def meets(flight: SweepFlight, require: str) -> bool:
 
 def print_answer(all_flights: Sequence[SweepFlight], out: str | None) -> None:
     """Print counts, and the share that completes."""
-    whole = totals(all_flights)
-    lines = [f"runs       {whole.runs}" + (f", {whole.failed} could not be made" if whole.failed else "")]
-    if whole.interval is not None:
-        low, high = (_percent(end) for end in whole.interval)
-        share = _percent(whole.completed / whole.flights)
-        of = "" if whole.distinct == whole.flights else f" of {whole.distinct} distinct flights"
-        lines.append(
-            f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval{of} {low} to {high} %)"
-        )
+    made, own = [flight for flight in all_flights if flight.error is None], distinct(all_flights)
+    failed = len(all_flights) - len(made)
+    lines = [f"runs       {len(all_flights)}" + (f", {failed} could not be made" if failed else "")]
+    if (interval := completed_interval(own)) is not None:
+        completed, (low, high) = sum(bool(flight.completed) for flight in made), map(_percent, interval)
+        of = "" if len(own) == len(made) else f" of {len(own)} distinct flights"
+        share = f"{_percent(completed / len(made))} % (95 % interval{of} {low} to {high} %)"
+        lines.append(f"completed  {completed} of {len(made)}: {share}")
     lines += [f"solver     {failures}" for failures in [_solver_text(all_flights)] if failures]
     if out is not None:
         lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")

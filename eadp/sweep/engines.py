@@ -17,7 +17,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from eadp.errors import EadpError, InputError, printable
 from eadp.plug_ins import code_identity
@@ -54,31 +54,6 @@ QUEUED = 8
 
 TASK_S = 0.5
 """Time that the runs of a task shall take together [s]."""
-
-
-class Engine(Protocol):
-    """Makes runs somewhere."""
-
-    @property
-    def workers(self) -> int:
-        """The number of runs made at a time."""
-
-    @property
-    def room(self) -> int:
-        """The number of runs that it takes now."""
-
-    @property
-    def busy(self) -> int:
-        """The number of runs taken and not given back."""
-
-    def submit(self, run: Run) -> None:
-        """Take a run."""
-
-    def finished(self) -> list[tuple[Run, Result | None]]:
-        """Wait for results, maybe in vain; None for a run whose process died twice."""
-
-    def close(self) -> None:
-        """End the work at once."""
 
 
 class QueueEngine:
@@ -426,6 +401,10 @@ class DaskEngine(QueueEngine):
         except (OSError, CancelledError) as error:
             what = f"the scheduler at {self._address} is gone: {first_line(error)}"
             raise EadpError(f"{what}; the results so far are kept") from None
+
+
+Engine = SerialEngine | PoolEngine | DaskEngine
+"""Makes runs somewhere."""
 
 
 def open_engine(make: Make, runs: int, jobs: int | None = None, scheduler: str | None = None) -> Engine:

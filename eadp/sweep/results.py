@@ -80,30 +80,6 @@ class SweepFlight(SweepFigures):
     took_s: float = field(default=0.0, compare=False)
 
 
-@dataclass(frozen=True)
-class SweepTotals:
-    """Counts of a sweep's runs; `interval` is that of the share of distinct flights that complete, None without any."""
-
-    runs: int
-    failed: int
-    completed: int
-    distinct: int
-    interval: tuple[float, float] | None
-
-    @property
-    def flights(self) -> int:
-        """The number of runs that were made."""
-        return self.runs - self.failed
-
-
-def totals(flights: Sequence[SweepFlight]) -> SweepTotals:
-    """The totals of all flights of a sweep."""
-    failed = sum(flight.error is not None for flight in flights)
-    completed = sum(bool(flight.completed) for flight in flights)
-    own = distinct(flights)
-    return SweepTotals(len(flights), failed, completed, len(own), completed_interval(own))
-
-
 def distinct(flights: Sequence[SweepFlight]) -> list[SweepFlight]:
     """The first of each flight that was made: where nothing is drawn, seeds repeat a flight to the bit."""
     first: dict[tuple[Any, ...], SweepFlight] = {}

@@ -255,7 +255,7 @@ def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path):
     page = tmp_path / "page.html"
     assert eadp("report", tmp_path / "flown", "-o", page).code == 0
     assert "obstacle 1" in page.read_text()
-    assert (tmp_path / "flown/inputs/both.plan").read_text() == both.read_text()
+    assert (tmp_path / "flown/inputs/plan/both.plan").read_text() == both.read_text()
 
 
 @pytest.mark.parametrize("forecast", [False, True])

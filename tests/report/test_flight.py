@@ -133,7 +133,7 @@ def test_the_command_makes_the_same_page(eadp, folder, tmp_path):
         ("flight.csv", "time_s,stage\n1,x\n", "flight.csv:2:3: error: x is not a number"),
         ("flight.csv", "time_s,stage\n1,1\n", "is damaged"),
         ("decisions.jsonl", '{"time_s": 1}\nx\n', "decisions.jsonl:2:1: error: is not JSON"),
-        ("inputs/survey.plan", "0.1; 90; x +\n1, 2\n", "inputs:1:1: error: has no plan"),
+        ("inputs/plan/survey.plan", "0.1; 90; x +\n1, 2\n", "inputs/plan/survey.plan:1:13: error"),
     ],
 )
 def test_a_damaged_folder_is_refused_and_nothing_written(eadp, folder, tmp_path, name, body, words):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from eadp.sweep.results import SweepFlight, totals, wilson_interval
+from eadp.sweep.results import SweepFlight, completed_interval, distinct, wilson_interval
 
 EXACT = 1e-9
 
@@ -35,15 +35,12 @@ FLIGHTS = [
 ]
 
 
-def test_totals_count_what_could_not_be_made_apart():
-    whole = totals(FLIGHTS)
-    assert (whole.runs, whole.failed, whole.flights, whole.completed) == (5, 1, 4, 2)
-    assert whole.interval == wilson_interval(2, 4)
-    assert totals([FLIGHTS[3]]).interval is None
+def test_what_could_not_be_made_is_in_no_interval():
+    assert completed_interval(distinct(FLIGHTS)) == wilson_interval(2, 4)
+    assert completed_interval(distinct([FLIGHTS[3]])) is None
 
 
 def test_copies_of_a_flight_are_in_no_interval():
     copies = [flight(i, {"w": i % 2, "seed": i}, soc=0.5 + i % 2, seed=i) for i in range(8)]
-    whole = totals([*copies, flight(8, {"w": 0, "seed": 8}, False, seed=8)])
-    assert (whole.flights, whole.completed, whole.distinct) == (9, 8, 3)
-    assert whole.interval == wilson_interval(2, 3)
+    own = distinct([*copies, flight(8, {"w": 0, "seed": 8}, False, seed=8)])
+    assert completed_interval(own) == wilson_interval(2, 3)

@@ -26,8 +26,8 @@ else:  # matplotlib is imported when a figure is drawn
 MAX_NAMED = 20
 """Most obstacles whose names are written."""
 
-LINES, SHORTEST = 3, 6
-"""Most lines of a title or a label, the rest of which is left out, and the fewest characters to which one is broken."""
+HEADLINE_PER_IN, LABEL_CHARACTERS, LINES = 10, 24, 3
+"""Characters of the headline in an inch; most characters in a line of a label, and its most lines."""
 
 CALLOUT_CHARACTERS, CALLOUT_LINES = 36, 8
 """Most characters in a line of a callout, and most lines."""
@@ -103,17 +103,14 @@ def stage_style(stages: Sequence[Stage], index: int) -> tuple[str, str]:
 
 @contextmanager
 def figure_pair(
-    path: Path, width_in: float, height_in: float, suffixes: Sequence[str] = tuple(METADATA), *, formulas: bool = False
+    path: Path, width_in: float, height_in: float, suffixes: Sequence[str] = tuple(METADATA)
 ) -> Iterator[Figure]:
-    """A figure saved as SVG and PNG under a name without its ending; same data, same bytes.
-
-    With `formulas`, text between two $ is a formula.
-    """
+    """A figure saved as SVG and PNG under a name without its ending; same data, same bytes."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with mpl.rc_context({**STYLE, "text.parse_math": formulas}), warnings.catch_warnings():
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # of a name: it is drawn as a box
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasAgg(figure)
@@ -121,9 +118,6 @@ def figure_pair(
         engine = figure.get_layout_engine()
         assert engine is not None
         engine.execute(figure)  # once for both files: with an engine, each would lay out and draw twice
-        for _ in range(2):  # the first time moves the axes
-            if _fit_texts(figure):
-                engine.execute(figure)
         figure.set_layout_engine(None)
         for axes in figure.axes:  # the engine's last digits change from run to run
             x, y, width, height = (round(v, 6) for v in axes.get_position(original=True).bounds)
@@ -139,7 +133,7 @@ def check_figure_name(path: str) -> None:
 
 
 @contextmanager
-def figure_file(path: str, width_in: float, height_in: float, *, formulas: bool = False) -> Iterator[Figure]:
+def figure_file(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
     """A figure saved as SVG or PNG, by the ending of its name; as `figure_pair`.
 
     Raises
@@ -151,43 +145,15 @@ def figure_file(path: str, width_in: float, height_in: float, *, formulas: bool 
     suffix = Path(path).suffix.lower()
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / "figure"
-        with figure_pair(draft, width_in, height_in, [suffix], formulas=formulas) as figure:
+        with figure_pair(draft, width_in, height_in, [suffix]) as figure:
             yield figure
         write_bytes(path, draft.with_suffix(suffix).read_bytes())
 
 
 def write_headline(figure: Figure, parts: Sequence[str]) -> None:
-    """The bold line above all panels."""
-    line = figure.suptitle("  ·  ".join(parts), x=0.01, ha="left", fontsize=11, fontweight="bold")
-    _wrap(line, 0.98 * figure.bbox.width)
-
-
-def _wrap(text: Any, room: float) -> bool:
-    """Break a text that is longer than its room [pixels], and return whether it was."""
-    side = 1 if text.get_rotation() == 90 else 0
-    words, length = text.get_text(), text.get_window_extent().size[side]
-    if length <= room:
-        return False
-    width = int(max(map(len, words.splitlines())) * room / length)
-    while text.get_window_extent().size[side] > room and width > SHORTEST:
-        text.set_text(textwrap.fill(words, width, max_lines=LINES, placeholder=" …"))
-        width -= 1
-    return True
-
-
-def _fit_texts(figure: Figure) -> bool:
-    """Wrap titles and labels longer than their axes, raise titles off legends and factors; return whether any was."""
-    fitted = False
-    for axes in figure.axes:
-        box, title = axes.bbox, axes.set_title(axes.get_title(loc="left"))
-        for text, room in ((title, box.width), (axes.xaxis.label, box.width), (axes.yaxis.label, box.height)):
-            fitted |= _wrap(text, room)
-        others: list[Any] = [axes.yaxis.get_offset_text(), axes.get_legend()]
-        for above in [other.get_window_extent() for other in others if other and title.get_text()]:
-            if above.height > 0 and above.overlaps(title.get_window_extent()):
-                axes.set_title(title.get_text(), pad=(above.y1 - box.y1) * 72 / figure.dpi + 4)
-                fitted = True
-    return fitted
+    """The bold line above all panels, or several where it is long."""
+    text = textwrap.fill("  ·  ".join(parts), int(HEADLINE_PER_IN * figure.get_figwidth()))
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11, fontweight="bold")
 
 
 def label_map(axes: Axes, title: str) -> None:
@@ -203,20 +169,17 @@ def fit_legend(owner: Any, columns: int, wide: float = 1.0, **style: Any) -> Non
 
     `handles` are the marks, by default all that are labelled; of several with one label it has the first.
     """
-    room = wide * owner.bbox.width
     panels = owner.axes if isinstance(owner.axes, list) else [owner]
-    marks = [mark for axes in panels for mark in axes.get_legend_handles_labels()[0]]
+    marks = style.pop("handles", [mark for axes in panels for mark in axes.get_legend_handles_labels()[0]])
     first: dict[str, Any] = {}
-    for mark in style.get("handles", marks):
-        first.setdefault(mark.get_label(), mark)
-    style["handles"] = [*first.values()]
-    while (legend := owner.legend(ncols=columns, **style)).get_window_extent().width > room and columns > 1:
+    for mark in marks:
+        first.setdefault(textwrap.fill(mark.get_label(), 2 * LABEL_CHARACTERS, max_lines=LINES), mark)
+    style |= {"handles": [*first.values()], "labels": [*first]}
+    while (legend := owner.legend(ncols=columns, **style)).get_window_extent().width > wide * owner.bbox.width:
+        if columns == 1:
+            return
         legend.remove()
         columns -= 1
-    texts = legend.get_texts()
-    spare = room - legend.get_window_extent().width + max(text.get_window_extent().width for text in texts)
-    for text in texts:
-        _wrap(text, spare)
 
 
 def legend_above(axes: Axes, columns: int = 2, **style: Any) -> None:
@@ -283,9 +246,8 @@ def draw_ground(axes: Axes, field: Field | None, airspace: Airspace) -> None:
         draw_area(axes, (obstacle.outline,), **style, label="obstacle")
         if len(airspace.obstacles) <= MAX_NAMED:
             x, y = (sum(values) / len(values) for values in zip(*obstacle.outline, strict=True))
-            name = textwrap.fill(obstacle.name, CALLOUT_CHARACTERS // 2, max_lines=LINES)
-            text: dict[str, Any] = {"fontsize": 7, "ha": "center", "va": "center", "parse_math": False}
-            axes.annotate(name, (x, y), zorder=6, color=COLOURS[6], **text)
+            name = textwrap.fill(obstacle.name, LABEL_CHARACTERS, max_lines=LINES)
+            axes.annotate(name, (x, y), zorder=6, color=COLOURS[6], fontsize=7, ha="center", va="center")
     for ring in airspace.boundary:
         x, y = zip(*ring, ring[0], strict=True)
         axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary")

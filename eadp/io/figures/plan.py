@@ -33,7 +33,6 @@ from eadp.io.figures.canvas import (
     stage_style,
     write_callouts,
     write_headline,
-    write_none,
 )
 from eadp.io.flight import flown_lines, flown_of_plan
 from eadp.models.plan.cursor import PlanCursor
@@ -66,7 +65,7 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
     legs = nominal_legs(plan, parameters)
     scale = max(math.dist(leg.start_m, leg.end_m) for leg in legs)
     step = max(scale / 100, 0.1)
-    with figure_file(path, 8.5, 7.5, formulas=True) as figure:
+    with figure_file(path, 8.5, 7.5) as figure:
         axes = figure.add_subplot()
         _draw_range(axes, plan, parameters)
         draw_ground(axes, None, plan.site.airspace)
@@ -80,24 +79,18 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         axes.plot(*legs[0].start_m, **START)
         final = point_at(plan.final_point, parameters, "the final point")
         axes.plot(*final, "*", color="black", markersize=11, label="final point")
-        label_map(axes, _title(plan, parameters, sum(leg.distance_m for leg in legs)))
+        named = zip(plan.names[: plan.path_count], parameters, strict=False)
+        at = ", ".join(f"{name} = {value:g}" for name, value in named)
+        length_km = sum(leg.distance_m for leg in legs) / 1000
+        label_map(axes, f"Nominal path, {length_km:.2f} km" + (f", at {at}" if at else ""))
         legend_below(axes)
-
-
-def _title(plan: Plan, parameters: Sequence[float], length_m: float) -> str:
-    values = enumerate(parameters[: plan.path_count], 1)
-    at = ", ".join(f"$c_{{i,{i}}}$ = {value:g}" for i, value in values)
-    return f"Nominal path, {length_m / 1000:.2f} km" + (f", at {at}" if at else "")
 
 
 def _draw_legs(axes: Axes, plan: Plan, legs: Sequence[Leg], step: float, arrow: float) -> None:
     """Each leg in the colour of its stage, with an arrow of that length at its middle."""
     for leg in legs:
         points = leg_points(leg, step)
-        index = leg.stage.index
-        colour, label = stage_style(plan.stages, index)
-        if len(plan.stages) <= len(COLOURS):
-            label = f"$\\Gamma_{{{index}}}$: $\\varphi_{{{index}}}$, {leg.stage.kind}"
+        colour, label = stage_style(plan.stages, leg.stage.index)
         axes.plot(*points.T[:2], color=colour, linewidth=1.4, label=label)
         x, y, course = points[len(points) // 2].tolist()
         draw_arrow(axes, (x, y), (x + arrow * math.cos(course), y + arrow * math.sin(course)), colour)
@@ -143,15 +136,15 @@ def write_flight_figure(
 
     Written to `path` with the endings .svg and .png.
     """
-    climbs = any(stage.altitude_m is not None for stage in world.plan.stages)
-    varies = bool(world.plan.parameters) or not climbs
+    plan, climbs = world.plan, any(stage.altitude_m is not None for stage in world.plan.stages)
     slows = len({step.airspeed_commanded_mps for step in steps}) > 1
-    rows = 2 + climbs + slows + varies
+    rows = 2 + climbs + slows + len(plan.parameters)
     with figure_pair(path, 11.5, 4.0 + rows) as figure:
         grid = figure.add_gridspec(rows, 2, width_ratios=(1.15, 1))
         map_axes = figure.add_subplot(grid[:, 0])
         power = figure.add_subplot(grid[0, 1])
-        charge, *others = (figure.add_subplot(grid[row, 1], sharex=power) for row in range(1, rows))
+        panels = [power, *(figure.add_subplot(grid[row, 1], sharex=power) for row in range(1, rows))]
+        _, charge, *others = panels
         time = np.array([step.time_s for step in steps])
         lost = [record for record in records if record.cause == JUMPED]
         _draw_path(map_axes, world, steps, summary["turned_back_s"])
@@ -173,15 +166,14 @@ def write_flight_figure(
             speed.step(time, commanded, where="post", color=COLOURS[1], linewidth=1.0, label="commanded")
             speed.set(ylabel="airspeed [m/s]", title="Airspeed")
             legend_above(speed)
-        if varies:
-            _draw_parameters(others[-1], time, steps, world)
-        _draw_decisions(map_axes, others[-1], steps, records)
+        for i, axes in enumerate(others[climbs + slows :]):
+            _draw_parameter(axes, time, steps, plan, i)
+        _draw_decisions(map_axes, panels[-1], steps, records)
         legend_below(map_axes)
-        if others[-1].get_legend_handles_labels()[1]:
-            legend_above(others[-1])
-        others[-1].set_xlabel("time [s]")
-        others[-1].tick_params(bottom=True, labelbottom=True)
-        for axes in (power, charge, *others[:-1]):
+        if panels[-1].get_legend_handles_labels()[1]:
+            legend_above(panels[-1])
+        panels[-1].set_xlabel("time [s]")
+        for axes in panels[:-1]:
             axes.tick_params(labelbottom=False)
         write_headline(figure, _headline(summary))
 
@@ -276,42 +268,15 @@ def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, res
     legend_above(axes)
 
 
-def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:
-    """One or two parameters each on an axis of its own; more as 0 at the lower end of the set and 1 at the upper.
-
-    Of those each line is wider than the next, which is drawn on it: both show where they have one value.
-    """
-    plan = world.plan
-    axes.set_title("Parameters")
-    if not plan.parameters:
-        write_none(axes, "no parameters")
-    if len(plan.parameters) <= 2:
-        for i, parameter in enumerate(plan.parameters):
-            own = axes.twinx() if i else axes
-            own.grid(visible=not i)
-            own.step(
-                time,
-                [parameter.shown(step.parameters[i]) for step in steps],
-                where="post",
-                color=COLOURS[i],
-                linewidth=1.5,
-            )
-            own.set_ylabel(f"{parameter.label} [{parameter.unit}]" if parameter.unit else parameter.label)
-            own.yaxis.label.set_color(COLOURS[i])
-            ends = sorted(parameter.shown(end) for end in (plan.hull(i).lo, plan.hull(i).hi))
-            margin = 0.06 * (ends[1] - ends[0]) or 1.0
-            own.set_ylim(ends[0] - margin, ends[1] + margin)
-        return
-    for i, parameter in enumerate(plan.parameters):
-        box = plan.hull(i)
-        width = box.hi - box.lo
-        values = np.array([step.parameters[i] for step in steps])
-        normalised = (values - box.lo) / width if width else np.ones(len(values))
-        label = f"{parameter.label} {parameter.shown(box.lo):.4g} … {parameter.text(box.hi)}"
-        behind = min(len(plan.parameters) - 1 - i, 4)
-        style: dict[str, Any] = {"linewidth": 1.3 + 2.2 * behind, "alpha": 0.5 if behind else 1.0, "label": label}
-        axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], **style)
-    axes.set(ylim=(-0.06, 1.06), ylabel="normalised value")
+def _draw_parameter(axes: Axes, time: Any, steps: Sequence[Step], plan: Plan, index: int) -> None:
+    """A parameter of the plan, by its index from 0, as people read it."""
+    parameter, box = plan.parameters[index], plan.hull(index)
+    values = [parameter.shown(step.parameters[index]) for step in steps]
+    axes.step(time, values, where="post", color=COLOURS[index % len(COLOURS)], linewidth=1.5)
+    low, high = sorted(map(parameter.shown, (box.lo, box.hi)))
+    margin = 0.06 * (high - low) or 1.0
+    unit = f"[{parameter.unit}]" if parameter.unit else ""
+    axes.set(ylim=(low - margin, high + margin), ylabel=unit, title=parameter.label)
 
 
 def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[DecisionRecord]) -> None:

@@ -40,7 +40,7 @@ _A_HEADER = "a header such as fps,power_w"
 
 _SOURCE = re.compile(r"^[^\S\n]*#[^\S\n]*source:(.*)$", re.IGNORECASE | re.MULTILINE)
 _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
-_POWER = re.compile(r"(.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
+_POWER = re.compile(r"(?:.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
 _NO_PARAMETER = re.compile(
     r"(?:time|timestamp|energy|soc)(?:[ _-](?:s|ms|us|j|mj|wh|mwh))?\Z"
     r"|(?:std|standard_error)[ _-][mk]?w\Z|samples\Z|extrapolated\Z",  # as eadp writes them
@@ -115,18 +115,16 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
         message = "one configuration only" if readings else "no measurements"
         raise InputError(last.fault(0, message, "measurements of two configurations or more"))
     layout = layouts[0]
-    averages = [average([[reading.power_w for reading in run] for run in runs]) for runs in readings.values()]
+    averages = [average(runs) for _, runs in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
-    for runs, found in zip(readings.values(), averages, strict=True):
+    for (row, _), found in zip(readings.values(), averages, strict=True):
         if found.std > STD_LIMIT * found.mean:
             message = f"a power that varies by {found.std / found.mean:.0%} of its mean at one configuration"
-            warnings.append(runs[0][0].row.fault(layout.power, message))
-    large = max(
-        (reading for runs in readings.values() for run in runs for reading in run), key=lambda each: each.power_w
-    )
-    if large.power_w > LARGE_W:
-        message = f"a power of {large.power_w:g} W"
-        fault = large.row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
+            warnings.append(row.fault(layout.power, message))
+    large_w, row = max(((max(map(max, runs)), row) for row, runs in readings.values()), key=lambda each: each[0])
+    if large_w > LARGE_W:
+        message = f"a power of {large_w:g} W"
+        fault = row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
         refuse([fault] if layout.unitless else [])
         warnings.append(fault)
     try:
@@ -141,7 +139,7 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
             standard_error_w=np.array([each.standard_error if each.samples > 1 else np.nan for each in averages]),
         )
     except Infeasible as error:
-        row = next(iter(readings.values()))[0][0].row
+        row, _ = next(iter(readings.values()))
         raise InputError(row.fault(0, str(error), "a full grid, or points that span an area")) from None
     return profile, warnings
 
@@ -283,25 +281,15 @@ def read_heading(field: str) -> ColumnHeading:
         return ColumnHeading(name, unit, problem=f"{shown} is no name")
     if not unit.isprintable() or len(unit) > 64:
         return ColumnHeading(name, unit, problem=f"{printable(unit, 80)} is no unit")
-    power = _POWER.match(name)
-    return (
-        _power_heading(name, unit, power.group(2) or "", shown, bool(power.group(1)))
-        if power
-        else ColumnHeading(name, unit)
-    )
-
-
-def _power_heading(name: str, unit: str, suffix: str, shown: str, prefixed: bool) -> ColumnHeading:
-    """The heading of a column whose name ends in `power` and perhaps a unit."""
-    given = unit or suffix
+    if not (power := _POWER.match(name)):
+        return ColumnHeading(name, unit)
+    suffix = power.group(1) or ""
     if unit and suffix and _PER_WATT.get(unit) != _PER_WATT.get(suffix):
         return ColumnHeading(name, unit, problem=f"{shown} names two units of power")
-    if not given:
-        return ColumnHeading(name, "", 1.0)
-    if given not in _PER_WATT and (suffix or not prefixed):
+    given = unit or suffix
+    if given and given not in _PER_WATT:
         return ColumnHeading(name, unit, problem=f"{printable(given)} is no known unit of power")
-    # with another unit it is a parameter, such as a transmitter's power [dBm]
-    return ColumnHeading(name, given, _PER_WATT.get(given, 0.0))
+    return ColumnHeading(name, given, _PER_WATT.get(given, 1.0))
 
 
 def _power_column(row: Row, headings: Sequence[ColumnHeading]) -> int:
@@ -320,19 +308,12 @@ def _power_column(row: Row, headings: Sequence[ColumnHeading]) -> int:
 # ── rows ──
 
 
-class _Reading(NamedTuple):
-    """Power [W], and the row."""
-
-    power_w: float
-    row: Row
-
-
-_Run = list[_Reading]
-_Readings = dict[tuple[float, ...], list[_Run]]
+_Readings = dict[tuple[float, ...], tuple[Row, list[list[float]]]]
+"""By configuration: its first row, and its power [W] by run."""
 
 
 def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row | None:
-    """Add a file's power readings [W] and their rows by configuration: consecutive rows make a run.
+    """Add a file's power readings by configuration: consecutive rows make a run.
 
     Returns the last row, if there is one.
     """
@@ -358,10 +339,10 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
         if power_w < 0:
             faults.append(row.fault(layout.power, f"a power of {power_w:g} W", "a power of 0 or more"))
         point = layout.constant or tuple(values)
-        runs = readings.setdefault(point, [])
+        _, runs = readings.setdefault(point, (row, []))
         if point != before:
             runs.append([])
-        runs[-1].append(_Reading(power_w, row))
+        runs[-1].append(power_w)
         before = point
     refuse(faults)
     return row

@@ -349,9 +349,9 @@ def powers_at(profile: Profile, asked: Sequence[str], clamp: bool) -> tuple[list
         except Infeasible as error:
             faults.append(Fault("--at", 1, 1, str(error), "a value inside, or --clamp for the nearest", raw))
             continue
-        extrapolated = not profile.contains(configuration)
+        extrapolated = not profile.interpolant.contains(configuration)
         if extrapolated:
-            taken = configuration_text(profile.names, profile.nearest(configuration), ",")
+            taken = configuration_text(profile.names, profile.interpolant.nearest(configuration), ",")
             message = f"{profile.outside(configuration)}: taken at {taken}"
             warnings.append(Fault("--at", 1, 1, message, severity="warning"))
         named = dict(zip(profile.names, map(shortest, configuration), strict=True))

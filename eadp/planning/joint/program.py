@@ -124,7 +124,7 @@ class ComputationProgram:
             return Solution(closed, FALLBACK)
         self._report.gaps.append(gap)
         if gap > OUTDONE:
-            self._report.outdone += 1
+            self._report.closed_form_better += 1
             return Solution(closed, CLOSED_FORM, iterations, gap)
         return Solution(filling, SOLVED, iterations, gap)
 

@@ -47,13 +47,15 @@ def test_each_decision_is_a_line(written):
 
 
 def test_inputs_of_one_name_are_all_kept(tmp_path):
-    names = [f"{folder}/{'n' * 240}" for folder in "abc"] + ["d/overrides.txt", "e/plan", "f/kind5-x", "<stdin>"]
-    kinds = ["plan", "scenario", "profile", *[f"kind{i}" for i in range(3, 7)]]
-    texts = {kind: Text(name, kind) for kind, name in zip(kinds, names, strict=True)}
-    _copy_inputs(tmp_path / "inputs", texts, ["vehicle.name=\udcff"])
-    files = {path.name: path.read_bytes().decode("ascii", "ignore") for path in (tmp_path / "inputs").iterdir()}
-    assert files.pop("overrides.txt") == "vehicle.name=\n"
-    assert sorted(files.values()) == sorted(kinds)
+    texts = {
+        "plan": Text("a/overrides.txt", "1"),
+        "scenario": Text("b/overrides.txt", "2"),
+        "profile": Text("<stdin>", "3"),
+    }
+    _copy_inputs(tmp_path, texts, ["vehicle.name=\udcff"])
+    files = {str(path.relative_to(tmp_path)): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert files.pop("overrides.txt") == b"vehicle.name=\xff\n"
+    assert files == {"plan/overrides.txt": b"1", "scenario/overrides.txt": b"2", "profile/stdin": b"3"}
 
 
 @pytest.mark.parametrize("planner", ["joint", "static"])

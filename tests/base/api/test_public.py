@@ -78,7 +78,7 @@ def test_a_flight_is_that_of_the_command(eadp, tmp_path):
     assert eadp(*command, "-o", tmp_path / "command").code == 1
     flight = library.simulate(PLAN, SCENARIO, overrides=SHORT, planner="joint", seed=3)
     flight.write(tmp_path / "library")
-    for name in ("flight.csv", "inputs/overrides.txt", "inputs/survey.plan", "inputs/survey.yaml"):
+    for name in ("flight.csv", "inputs/overrides.txt", "inputs/plan/survey.plan", "inputs/scenario/survey.yaml"):
         assert (tmp_path / "library" / name).read_bytes() == (tmp_path / "command" / name).read_bytes(), name
     with (tmp_path / "library/flight.csv").open(encoding="utf-8") as stream:
         rows = list(csv.reader(stream))

@@ -63,7 +63,7 @@ def test_the_result_folder(eadp, tmp_path):
     times = [float(row["time_s"]) for row in rows]
     assert times == pytest.approx([0.1 * (i + 1) for i in range(200)])
     assert all(math.isfinite(float(cell)) for row in rows for cell in row.values())
-    names = sorted(item.name for item in (folder / "inputs").iterdir())
+    names = sorted(item.name for item in (folder / "inputs").rglob("*.*"))
     assert names == ["overrides.txt", "paper-i-dynamic.yaml", "pednet-letter.yaml", "survey.plan"]
     assert [item.name for item in folder.parent.iterdir()] == ["i"], "no temporary folder is left"
 
@@ -269,8 +269,8 @@ def test_a_vehicle_file_is_flown_and_copied(eadp, line_plan, tmp_path):
     out = tmp_path / "out"
     assert eadp("simulate", line_plan, "--scenario", scenario, "-o", out).code == 0
     assert json.loads((out / "summary.json").read_text())["duration_s"] == pytest.approx(80 / 20, abs=0.02)
-    assert (out / "inputs" / "s.yaml").read_text() == scenario.read_text(), "names of copies are kept apart"
-    assert "airspeed_mps: 20" in (out / "inputs" / "vehicle-s.yaml").read_text()
+    assert (out / "inputs/scenario/s.yaml").read_text() == scenario.read_text()
+    assert "airspeed_mps: 20" in (out / "inputs/vehicle/s.yaml").read_text()
 
 
 def test_too_little_memory_is_exit_2(eadp, monkeypatch):

@@ -27,8 +27,8 @@ def test_outside_is_refused_or_clamped() -> None:
         PEDNET.power_w_at((12.0,))
     assert PEDNET.power_w_at((12.0,), clamp=True) == 10.2112
     assert PEDNET.power_w_at((0.0,), clamp=True) == 5.21438
-    assert not PEDNET.contains((12.0,))
-    assert PEDNET.contains((10.0,))
+    assert not PEDNET.interpolant.contains((12.0,))
+    assert PEDNET.interpolant.contains((10.0,))
 
 
 @pytest.mark.parametrize("clamp", [False, True])

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import eadp
 from eadp.io.figures import plan as flight_figure
-from eadp.io.figures.plan import _draw_parameters, _draw_path
+from eadp.io.figures.plan import _draw_parameter, _draw_path
 from eadp.papers import figures as paper
 from eadp.papers.figures import write_paper_figure
 
@@ -39,11 +39,11 @@ def lines(axes):
     return {line.get_label(): np.array(line.get_data()) for line in axes.lines}
 
 
-def test_two_parameters_have_axes_in_their_units(flight):
-    axes = Figure().add_subplot()
-    _draw_parameters(axes, flight.columns["time_s"], flight.steps, flight.inputs.world)
-    spacing, fps = axes.figure.axes
-    assert (spacing.get_ylabel(), fps.get_ylabel()) == ("spacing [m]", "fps")
+def test_a_parameter_is_drawn_in_its_unit(flight):
+    spacing, fps = Figure().subplots(2, 1)
+    for i, axes in enumerate((spacing, fps)):
+        _draw_parameter(axes, flight.columns["time_s"], flight.steps, flight.inputs.world.plan, i)
+    assert (spacing.get_title(), spacing.get_ylabel(), fps.get_title()) == ("spacing", "[m]", "fps")
     assert set(spacing.lines[0].get_ydata()) == {10.0}, "the least spacing, at the highest c1"
     low, high = spacing.get_ylim()
     assert low < 10 < 25.1 < high
@@ -89,9 +89,9 @@ def test_a_flight_without_a_period_has_its_figures(tmp_path, monkeypatch, overri
 @pytest.mark.parametrize(
     ("headers", "sets", "panels"),
     [
-        ("", "", ["Parameters"]),
+        ("", "", []),
         ("%: altitude 60\n", "", ["Altitude"]),
-        ("%: altitude 60\n", "[0, 1]\n", ["Altitude", "Parameters"]),
+        ("%: altitude 60\n", "[0, 1]\n", ["Altitude", "c1"]),
     ],
 )
 def test_altitudes_that_stages_command_are_drawn(tmp_path, monkeypatch, headers, sets, panels):

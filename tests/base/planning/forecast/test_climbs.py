@@ -53,7 +53,7 @@ def test_the_forecast_is_what_is_flown(text, wind, planner, inputs_of):
     forecast = inputs.preflight().forecast
     _, outcome = flown(inputs)
     assert outcome.completed
-    assert forecast.energy_wh == pytest.approx(outcome.totals.energy_j / 3600, rel=0.015)
+    assert forecast.energy_wh == pytest.approx(outcome.energy_j / 3600, rel=0.015)
     assert forecast.remaining_s == pytest.approx(outcome.duration_s, rel=0.015)
 
 

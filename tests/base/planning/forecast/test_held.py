@@ -144,7 +144,7 @@ def test_before_take_off_time_and_energy_are_those_flown_without_gusts(wind, c1)
         pass
     assert outcome.completed
     assert expected.forecast.remaining_s == pytest.approx(outcome.duration_s, rel=0.01)
-    assert expected.forecast.energy_wh == pytest.approx(outcome.totals.energy_j / 3600, rel=0.01)
+    assert expected.forecast.energy_wh == pytest.approx(outcome.energy_j / 3600, rel=0.01)
     assert expected.quality == pytest.approx(outcome.parameters.quality({}), abs=0.02)
 
 

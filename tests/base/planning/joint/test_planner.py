@@ -115,7 +115,7 @@ def test_reports_count_what_was_solved(dropped):
     assert report.replans == sum(record.calls > 0 for record in dropped.records) > 0
     assert report.calls == report.solved + report.failed == sum(record.calls for record in dropped.records)
     assert sum(report.by_status.values()) == report.calls
-    assert report.outdone == report.fallbacks == 0
+    assert report.closed_form_better == report.fallbacks == 0
     assert max(report.gaps) <= 1e-6
 
 
@@ -290,7 +290,7 @@ def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():
     forecast = own.inputs.preflight().forecast
     assert own.outcome.duration_s > plain.outcome.duration_s + 30
     assert 0 < forecast.remaining_s / own.outcome.duration_s - 1 < 0.08  # a lap more, as it misses the end by a hair
-    assert 0 < forecast.energy_wh / (own.outcome.totals.energy_j / 3600) - 1 < 0.08
+    assert 0 < forecast.energy_wh / (own.outcome.energy_j / 3600) - 1 < 0.08
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_the_forecast_is_what_is_flown(planner, wind):
     if planner == "static":
         assert outcome.duration_s == pytest.approx(evaluated.remaining_s, rel=0.02)
         assert abs(outcome.duration_s - evaluated.remaining_s) < 3 * evaluated.remaining_std_s
-        assert abs(outcome.totals.energy_j / 3600 - evaluated.energy_wh) < 3 * evaluated.energy_std_wh
+        assert abs(outcome.energy_j / 3600 - evaluated.energy_wh) < 3 * evaluated.energy_std_wh
         assert abs(outcome.soc_final - evaluated.soc_end) < 3 * evaluated.soc_end_std
         assert [*expected.parameters.values()] == pytest.approx([*inputs.mission.parameters])
         assert expected.quality == pytest.approx(quality, abs=0.02)
