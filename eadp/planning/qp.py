@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,6 @@ from numpy.typing import NDArray
 from eadp.core.arrays import FloatArray
 from eadp.errors import EadpError, SolverFailed
 from eadp.planning.base import SolverReport
-
-if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
 
 UNBOUNDED = 1e30
 SETTINGS: dict[str, float] = {"scaling": 0, "max_iter": 4000}
@@ -90,49 +87,6 @@ class QpSolution(NamedTuple):
     iterations: int
 
 
-class OsqpSolver:
-    """OSQP with a problem, whose vectors and entries of A change.
-
-    Parameters
-    ----------
-    diagonal : float
-        P is this multiple of the identity.
-    linear, rows, lower, upper
-        q, A by columns, l and u.
-    settings : dict
-    """
-
-    def __init__(
-        self,
-        diagonal: float,
-        linear: FloatArray,
-        rows: csc_matrix,
-        lower: FloatArray,
-        upper: FloatArray,
-        settings: dict[str, Any],
-    ) -> None:
-        from scipy.sparse import identity
-
-        self.rows, self.columns = rows.shape
-        osqp = load_osqp().OSQP()
-        osqp.setup(diagonal * identity(self.columns, format="csc"), linear, rows, lower, upper, **settings)
-        # the extension itself: what the interface does around each call takes as long as OSQP does
-        self._extension = osqp._solver
-
-    def update(self, linear: FloatArray, lower: FloatArray, upper: FloatArray, entries: FloatArray) -> None:
-        """Set q, l, u and the entries of A, in the order of its columns."""
-        self._extension.update_data_vec(q=linear, l=lower, u=upper)
-        self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
-
-    def run(self, start: FloatArray) -> QpSolution:
-        """Run OSQP from `start`; its result, whatever its status."""
-        self._extension.warm_start(start, None)
-        self._extension.solve()
-        info, solution = self._extension.info, self._extension.solution
-        # copies: OSQP may write its next solution into the same memory
-        return QpSolution(np.array(solution.x), np.array(solution.y), info.status_val, info.status, info.iter)
-
-
 QpData = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 """Gradient, matrix, lower and upper bounds, and centre of one problem, see `QuadraticProgram.solve`."""
 
@@ -162,7 +116,8 @@ class QuadraticProgram:
         self._indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
         self._proximal, self._retry_proximal = proximal, max(RETRY_PROXIMAL[0] * proximal, RETRY_PROXIMAL[1])
         self._report, self._tolerance = report, tolerance
-        self._solver: OsqpSolver | None = None
+        # OSQP's extension, once set up: what its interface does around each call takes as long as OSQP does
+        self._extension: Any = None
 
     def solve(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
@@ -191,12 +146,12 @@ class QuadraticProgram:
         try:
             return self._run(data, self._proximal, SETTINGS)
         except SolverFailed:
-            self._solver = None  # a failed run leaves a poor starting point
+            self._extension = None  # a failed run leaves a poor starting point
             self._report.retried += 1
         try:
             return self._run(data, self._retry_proximal, RETRY)
         finally:
-            self._solver = None  # the next problem starts with the settings of a first run
+            self._extension = None  # the next problem starts with the settings of a first run
 
     def _check(self, data: QpData) -> None:
         """Refuse data that OSQP would accept silently."""
@@ -235,15 +190,23 @@ class QuadraticProgram:
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
         entries = matrix.take(self._places)
-        if self._solver is None:
-            from scipy.sparse import csc_matrix
+        if self._extension is None:
+            from scipy.sparse import csc_matrix, identity
 
             rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
             tolerance = {"eps_abs": self._tolerance, "eps_rel": self._tolerance}
-            self._solver = OsqpSolver(proximal, linear, rows, lower, upper, SILENT | tolerance | settings)
+            osqp = load_osqp().OSQP()
+            quadratic = proximal * identity(self._columns, format="csc")
+            osqp.setup(quadratic, linear, rows, lower, upper, **SILENT | tolerance | settings)
+            self._extension = osqp._solver
         else:
-            self._solver.update(linear, lower, upper, entries)
-        return self._solver.run(centre)
+            self._extension.update_data_vec(q=linear, l=lower, u=upper)
+            self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
+        self._extension.warm_start(centre, None)
+        self._extension.solve()
+        info, solution = self._extension.info, self._extension.solution
+        # copies: OSQP may write its next solution into the same memory
+        return QpSolution(np.array(solution.x), np.array(solution.y), info.status_val, info.status, info.iter)
 
 
 def _is_optimal(data: QpData, proximal: float, solution: QpSolution) -> bool:

@@ -35,7 +35,7 @@ from eadp.planning.forecast.battery_limits import (
 from eadp.planning.forecast.clearance import Homeward, after_leg, homeward, with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
-from eadp.planning.forecast.speed_to_fly import SpeedChoice, airspeeds_of, paces_of
+from eadp.planning.forecast.speed_to_fly import SpeedChoice, airspeeds_of
 from eadp.planning.state.charge import charge_at_end
 from eadp.planning.state.known import Known, WindKnown, terms_of
 from eadp.planning.state.level_regression import WINDOW_S
@@ -340,19 +340,15 @@ class Evaluator:
             self._way_home = known.autopilot, way_home.flown_by(known.autopilot)
         return self._way_home[1]
 
-    def speed_choice(self, known: Known, routes: Sequence[Route]) -> tuple[SpeedChoice, list[float], list[float]]:
-        """The choice of airspeeds on routes, the paces that there are [m/s], and the value of a second at each [W]."""
-        vehicle = self.mission.vehicle
+    def speed_choice(self, known: Known, routes: Sequence[Route]) -> SpeedChoice:
+        """The choice of airspeeds on routes, with the computations half way between their extremes."""
+        plan, vehicle = self.mission.plan, self.mission.vehicle
         assert not isinstance(vehicle, PaperVehicle)
         legs = RouteArrays.of(routes)
         groups = self.envelopes.groups(routes[0].table, legs.order)
         computing_w = self.envelopes.extremes_w()[groups].mean(axis=1)
-        calibrated = calibrated_over_true(self.mission.plan.site, vehicle)
-        speeds_mps = airspeeds_of(vehicle, known, legs.rows, calibrated)
-        choice = SpeedChoice.of(known, legs, computing_w, speeds_mps)
-        mean_w = float(choice.seconds[0, choice.row_of] @ computing_w / choice.seconds[0, choice.row_of].sum())
-        paces, values_w = paces_of(speeds_mps, known.motion, mean_w)
-        return choice, paces, values_w
+        speeds_mps = airspeeds_of(vehicle, known, legs.rows, calibrated_over_true(plan.site, vehicle))
+        return SpeedChoice.of(known, legs, computing_w, speeds_mps, len(plan.stages))
 
     def evaluate(self, known: Known, routes: Sequence[Route], airspeeds_mps: FloatArray | None = None) -> Evaluation:
         """Evaluate routes from a moment of a flight: times and powers of their legs, then charge and computations.
