@@ -527,17 +527,7 @@ class Evaluator:
         `by_power_s` are the derivatives of each route's energy by a and b, at the airframe's own airspeed its time and
         the time integral of tan² φ [s]; `wind_var` is the variance of the time's logarithm due to the wind.
         """
-        time, motion, (level_s, bank_s) = known.time, known.motion, by_power_s
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
-        # var t = t² (var ratio + var log t) + noise t
-        time_var = seconds**2 * (time.variance + wind_var) + time.noise_s * seconds
-        # var E = (∂E/∂a, ∂E/∂b) P (∂E/∂a, ∂E/∂b)ᵀ + v t, with P the covariance of a and b
-        energy_var = (
-            level_s**2 * motion.var_level
-            + 2 * level_s * bank_s * motion.cov_level_slope
-            + bank_s**2 * motion.var_slope
-            + motion.noise * seconds
-        )
         mean_w = legs.sums((load.motion_w + (load.min_w + load.max_w) / 2) * load.times_s) / seconds
         # charge used to charge predicted: by the filter's state after the drain of the mean power
         battery = self.mission.battery
@@ -546,8 +536,8 @@ class Evaluator:
         soc, charge_var = charge_at_end(known.charge.filtered, drain)
         return Totals(
             seconds=seconds,
-            time_var_s2=time_var,
-            energy_var_j2=energy_var,
+            time_var_s2=known.time.var_s2(seconds, wind_var),
+            energy_var_j2=known.motion.energy_var_j2(seconds, *by_power_s),
             use_ratio=(known.soc - soc) / np.maximum(drain, 1e-12),
             charge_var=charge_var,
             mean_w=mean_w,

@@ -308,11 +308,6 @@ class FlightState:
         return self._queue.every_s
 
     @property
-    def next_reading_s(self) -> float:
-        """From when the next reading may be taken [s]."""
-        return self._queue.next_reading_s
-
-    @property
     def wind_mps(self) -> Point:
         """The wind to plan with [m/s]: measured, else estimated."""
         self._process()
@@ -328,12 +323,12 @@ class FlightState:
     def losses(self) -> int:
         """Sudden losses of charge so far."""
         self._process()
-        return self._charge.losses
+        return self._charge.belief.losses
 
-    def is_ambiguous(self, soc: float) -> bool:
-        """Whether the charge, `soc` now, may have jumped: the next reading decides."""
+    def jump_decided_s(self, soc: float) -> float:
+        """When the next reading may decide whether the charge, `soc` now, has jumped [s]; infinite without doubt."""
         self._process()
-        return self._charge.is_ambiguous(soc)
+        return self._queue.next_reading_s if self._charge.is_ambiguous(soc) else math.inf
 
     @property
     def flies_commanded(self) -> bool:
@@ -345,10 +340,11 @@ class FlightState:
     def warnings(self) -> tuple[str, ...]:
         """Codes of what is wrong with the readings."""
         self._process()
+        gauge = self._charge.belief
         applies = {
-            GAUGE_STUCK: not self._charge.believed and not self._charge.rises,
-            GAUGE_RISES: not self._charge.believed and self._charge.rises,
-            POWER_OUTLIER: self._gate.rejects,
+            GAUGE_STUCK: not gauge.believed and not gauge.rises,
+            GAUGE_RISES: not gauge.believed and gauge.rises,
+            POWER_OUTLIER: self._gate.state.rejects,
             HEADING_DISBELIEVED: self._wind.headings.disbelieved,
             CELL_LOST: self._voltage.lost > 0,
         }
@@ -366,14 +362,14 @@ class FlightState:
             joined=Joined(place.joined_m, place.since_s, self._queue.stages_started, place.rejoins_at_start),
             wind=self._wind.known,
             time=TimeKnown(times.ratio, times.variance, times.noise_s),
-            motion=self._motion.known(min(self._gate.max_motion_w, self._mission.vehicle.max_motion_w)),
+            motion=self._motion.known(min(self._gate.state.max_motion_w, self._mission.vehicle.max_motion_w)),
             charge=ChargeKnown(
                 filtered=self._charge.ahead,
                 gain_std=gain_std,
                 gain_from=gain_from,
-                believed=self._charge.believed,
+                believed=self._charge.belief.believed,
                 lost_std=self._voltage.lost_std,
-                losses=self._charge.losses,
+                losses=self._charge.belief.losses,
             ),
             # an autopilot's mission ends where it is laid out to
             margin_m=0.0 if place.flies_mission else MARGIN_M,
@@ -495,11 +491,8 @@ def _with_reading(before: Readings | None, sample: Sample) -> Readings:
     """Readings with a sample as one more; as they are where the sample is no later than the last of them."""
     # a measured wind is not estimated from the velocity, too
     vx, vy = (None, None) if sample.velocity_mps is None or sample.wind_mps is not None else sample.velocity_mps
-    x, y = sample.position_m or (None, None)
     one = Readings(
         times_s=_numbers([sample.time_s]),
-        x_m=_numbers([x]),
-        y_m=_numbers([y]),
         powers_w=[sample.power_w],  # None, no power, is not the same as a power that is not a number
         charges=_numbers([sample.soc]),
         vx_mps=_numbers([vx]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,11 +27,16 @@ class WindKnown(NamedTuple):
 
 
 class TimeKnown(NamedTuple):
-    """Ratio of flown to forecast times of legs; a time t has the variance t² · `variance` + `noise_s` · t."""
+    """Ratio of flown to forecast times of legs, its variance, and the variance of a leg's time per second of it."""
 
     ratio: float
     variance: float
     noise_s: float
+
+    def var_s2(self, seconds: Any, wind_var: Any = 0.0) -> Any:
+        """Variance of times, numbers or arrays; `wind_var` is that of their logarithm due to the wind."""
+        # var t = t² (var ratio + var log t) + noise t
+        return seconds**2 * (self.variance + wind_var) + self.noise_s * seconds
 
 
 class MotionKnown(NamedTuple):
@@ -65,6 +70,12 @@ class MotionKnown(NamedTuple):
     climb_j_per_m: float
     airframe: Airframe
     in_doubt: bool = False
+
+    def energy_var_j2(self, seconds: Any, level_s: Any, bank_s: Any) -> Any:
+        """Variance of energies over times, numbers or arrays; `level_s` and `bank_s` are their derivatives by a and b."""
+        # var E = (∂E/∂a, ∂E/∂b) P (∂E/∂a, ∂E/∂b)ᵀ + v t, with P the covariance of a and b
+        by_level = level_s**2 * self.var_level + 2 * level_s * bank_s * self.cov_level_slope
+        return by_level + bank_s**2 * self.var_slope + self.noise * seconds
 
     def straight_w(self, airspeed_mps: float) -> float:
         """Power of straight level flight at an airspeed [W]."""

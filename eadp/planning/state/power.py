@@ -69,21 +69,15 @@ class PowerGate:
         Power before the first reading [W].
     limit_w : float
         Power that the battery and the motor cannot exceed [W]; may be infinite.
+
+    Attributes
+    ----------
+    state : GateState
     """
 
     def __init__(self, mean_w: float, limit_w: float) -> None:
         self._bounds = PowerBounds(mean_w, limit_w)
-        self._state = GateState(mean_w, 0.0, 0.0, 0.0, math.nan, False)
-
-    @property
-    def max_motion_w(self) -> float:
-        """Greatest power of the motion that two successive readings have reached [W]."""
-        return self._state.max_motion_w
-
-    @property
-    def rejects(self) -> bool:
-        """Whether the last reading was false."""
-        return self._state.rejects
+        self.state = GateState(mean_w, 0.0, 0.0, 0.0, math.nan, False)
 
     def ingest(
         self,
@@ -115,14 +109,14 @@ class PowerGate:
         if not isinstance(values, np.ndarray):
             values = [math.nan if power_w is None else power_w for power_w in powers_w]
         if not on_plan:
-            self._state = self._state._replace(rejects=False)
+            self.state = self.state._replace(rejects=False)
             return [power_w if 0.0 <= power_w <= self._bounds.limit_w else math.nan for power_w in values]
         passed: list[float] | FloatArray = np.empty(len(values)) if enabled() else [math.nan] * len(values)
         ingested = jitted(_ingested)
         times_s, values = columns(times_s, values)
-        self._state = ingested(self._state, self._bounds, times_s, values, computing_w, passed)
+        self.state = ingested(self.state, self._bounds, times_s, values, computing_w, passed)
         if powers_w[-1] is None:  # no reading is no false one
-            self._state = self._state._replace(rejects=False)
+            self.state = self.state._replace(rejects=False)
         return passed
 
 
