@@ -397,9 +397,8 @@ class Evaluator:
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
         wind_var += OVERSHOOT_SHARE**2 * legs.sums(excess_s**2) / np.maximum(legs.sums(in_winds_s[0]), 1e-3) ** 2
         whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s * factor[legs.place]
-        left = self._left(known, legs, routes, whole_s)
         part = np.ones(len(whole_s))
-        part[legs.first] = left
+        part[legs.first] = self._left(known, legs, routes, whole_s)
         times_s = whole_s * part * known.time.ratio
         # y = level · a + (flat + turn · tan²φ) b, between 0 and the motor's maximum
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
@@ -419,7 +418,7 @@ class Evaluator:
         extremes_w = self.envelopes.extremes_w()[groups]
         load = RouteLoad(times_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
         totals = self._totals(known, legs, load, (level_s, bank_s), wind_var)
-        found = self._evaluation(known, routes, legs, groups, load, left, totals)
+        found = self._evaluation(known, routes, legs, groups, load, totals)
         return replace(found, airspeeds_mps=airspeeds_mps)
 
     def _evaluation(
@@ -429,13 +428,11 @@ class Evaluator:
         legs: RouteArrays,
         groups: IntArray,
         load: RouteLoad,
-        left: FloatArray,
         totals: Totals,
     ) -> Evaluation:
         """Charge and computations of routes, by the times and powers of their legs: the second half of `evaluate`.
 
-        `groups` are those of the legs' configurations, shape (legs,), and `left` the share of each route's first leg
-        that is left, shape (routes,); `totals` are without `soc_per_j`.
+        `groups` are those of the legs' configurations, shape (legs,); `totals` are without `soc_per_j`.
         """
         # the voltage on each leg, and the configurations that the battery's limits of power leave
         battery, reserve_soc = self.mission.battery, self.objective.reserve_soc
@@ -650,11 +647,8 @@ class Evaluator:
         # the charge less the expected losses, and what the autopilot's return takes: the level that it exceeds with the
         # probability if nothing is used
         soc = known.soc - self.losses(known, totals.seconds) * LOSS - totals.soc_per_j * own.joules
-        available = (
-            soc
-            - self.quantile * std
-            - np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
-        )
+        floor = np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
+        available = soc - self.quantile * std - floor
         # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
         # minimum power uses is available, less the excess
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j

@@ -134,7 +134,7 @@ class JointPlanner(Planner):
     def __init__(self, settings: PlannerSettings, mission: Mission, own: JointSettings | None = None) -> None:
         super().__init__(settings, mission, own or JointSettings())
         own = self.own
-        self._places = Places(_evaluator(settings, mission, own), mission.parameters)
+        self._places = Places(self._evaluator(settings), mission.parameters)
         self._program = ComputationProgram(self.report)
         self._policy = Policy(own.min_gain)
         self._next_s = WARM_UP_S + own.start_after_s
@@ -144,8 +144,7 @@ class JointPlanner(Planner):
         self._losses = 0  # of charge, as of the last re-planning
         self._stages_started = 1  # as of the last update
         self._next_reading_s = math.inf  # of the reading that decides whether the charge has jumped [s]
-        # charge to spare for the way home, None without a home; and when it sufficed last [s]
-        self._home: tuple[float | None, float] = (None, 0.0)
+        self._home_reached_s = 0.0  # when home could be reached last [s]
         self._by_stage = any(row.stages for row in own.trade_offs)
         # whether the airspeed is decided now; in a live flight where what is commanded is known to be flown
         self._paced = self._decides_airspeed and not mission.live
@@ -167,6 +166,13 @@ class JointPlanner(Planner):
             return None
         solution = planner._program.solve(plan.evaluation.adaptive)
         return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
+
+    def _evaluator(self, settings: PlannerSettings) -> Evaluator:
+        """The evaluator of routes with the objective that the settings state."""
+        own, total = self.own, self.own.objective == "total"
+        losses_per_s = own.loss_rate_per_h / 3600
+        objective = Objective(settings.reserve_soc, own.reserve_probability, losses_per_s, total, own.trade_offs)
+        return Evaluator(self.mission, settings, objective)
 
     @property
     def _decides_airspeed(self) -> bool:
@@ -216,8 +222,7 @@ class JointPlanner(Planner):
         levels = {names[i]: (value,) for i, value in held.items() if i >= rho}
         settings = replace(self.settings, levels={**self.settings.levels, **levels})
         chosen = tuple([held.get(i, value) for i, value in enumerate(self._decision.parameters)])
-        evaluator = _evaluator(settings, self.mission, self.own)
-        self._places = Places(evaluator, chosen, [i for i in held if i < rho])
+        self._places = Places(self._evaluator(settings), chosen, [i for i in held if i < rho])
         self._decision = self._decision._replace(parameters=chosen)
         self._next_s, self._searched = WARM_UP_S + self.own.start_after_s, None
 
@@ -399,9 +404,8 @@ class JointPlanner(Planner):
             reason += f"; {BY_FALLBACK}closed form: OSQP failed"
         if not known.charge.believed:
             reason += GAUGE_DISBELIEVED
-        returns_home = self._update_home(o.time_s, plan)
         ending = plan.evaluation.forecast(solution.filling)
-        home = self._home_record(o.time_s, plan, ending, returns_home=returns_home)
+        returns_home, home = self._way_home(o.time_s, plan, ending)
         if returns_home:
             reason = TURNS_BACK + reason
         elif home.home_by_s is not None and home.point_of_no_return_s is not None and not solution.feasible:
@@ -439,31 +443,27 @@ class JointPlanner(Planner):
         clipped = tuple(box.clip(value) for box, value in zip(boxes, own, strict=True))
         return self.mission.computing.power_w(clipped, boxes)
 
-    def _update_home(self, time_s: float, plan: Candidate) -> bool:
-        """Update the charge to spare for the way home; return whether to turn back now.
+    def _way_home(self, time_s: float, plan: Candidate, ending: Ending) -> tuple[bool, HomeRecord]:
+        """Whether to turn back now, and the way home; in a live flight that goes on, with the latest turn back.
 
         It is time where the plan is infeasible, the way home is short of less charge than the plan, if of any, and home
         may be out of reach by the next re-planning.
         """
-        (_, reached_s), spare = self._home, home_spare(plan.evaluation)
-        self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
-        way_home = self.mission.way_home
-        if spare is None or way_home is None or not way_home.turns_back or plan.solution.feasible:
-            return False
-        less_short = spare > -plan.evaluation.shortfall
-        return less_short and spare < can_fall(plan.evaluation, self._next_s - time_s)
-
-    def _home_record(self, time_s: float, plan: Candidate, ending: Ending, *, returns_home: bool) -> HomeRecord:
-        """The way home; in a live flight that goes on, with the latest turn back."""
-        spare, reached_s = self._home
-        reachable = None if spare is None else spare >= 0
+        spare, way_home = home_spare(plan.evaluation), self.mission.way_home
+        if spare is None or way_home is None:
+            return False, HomeRecord()
+        if spare >= 0:
+            self._home_reached_s = time_s
+        turns_back = way_home.turns_back and not plan.solution.feasible and spare > -plan.evaluation.shortfall
+        turns_back = turns_back and spare < can_fall(plan.evaluation, self._next_s - time_s)
         waits = None
-        if self.mission.live and not returns_home:
+        if self.mission.live and not turns_back:
             waits = latest_turn_back(plan.evaluation, plan.solution.filling)
         if waits is None:
-            return HomeRecord(reachable, reached_s if reachable is False else None)
+            return turns_back, HomeRecord(spare >= 0, None if spare >= 0 else self._home_reached_s)
         to_end = waits.share >= 1 - ROUNDING
-        return HomeRecord(reachable, waits.time_s, time_s + (ending.remaining_s or 0.0) if to_end else waits.home_s)
+        home_by_s = time_s + (ending.remaining_s or 0.0) if to_end else waits.home_s
+        return turns_back, HomeRecord(spare >= 0, waits.time_s, home_by_s)
 
     # --- records
 
@@ -527,18 +527,3 @@ class JointPlanner(Planner):
             return None
         first = int(limited[0])
         return LETTER if limits.by_letter[first] else b.limit_at(float(limits.volts[first]))
-
-
-def _evaluator(settings: PlannerSettings, mission: Mission, own: JointSettings) -> Evaluator:
-    """The evaluator of routes with the objective that the settings state."""
-    return Evaluator(
-        mission,
-        settings,
-        Objective(
-            settings.reserve_soc,
-            own.reserve_probability,
-            own.loss_rate_per_h / 3600,
-            own.objective == "total",
-            own.trade_offs,
-        ),
-    )

@@ -72,7 +72,7 @@ class MotionKnown(NamedTuple):
     in_doubt: bool = False
 
     def energy_var_j2(self, seconds: Any, level_s: Any, bank_s: Any) -> Any:
-        """Variance of energies over times, numbers or arrays; `level_s` and `bank_s` are their derivatives by a and b."""
+        """Variance of energies over times, numbers or arrays, with derivatives `level_s` by a and `bank_s` by b."""
         # var E = (∂E/∂a, ∂E/∂b) P (∂E/∂a, ∂E/∂b)ᵀ + v t, with P the covariance of a and b
         by_level = level_s**2 * self.var_level + 2 * level_s * bank_s * self.cov_level_slope
         return by_level + bank_s**2 * self.var_slope + self.noise * seconds
