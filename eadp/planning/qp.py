@@ -74,16 +74,12 @@ class QpSolution(NamedTuple):
         The minimiser.
     multipliers : array, shape (rows,)
         Lagrange multipliers of the rows, positive at upper bounds.
-    status, name : int and str
-        OSQP's status.
     iterations : int
         Iterations of the run.
     """
 
     x: FloatArray
     multipliers: FloatArray
-    status: int
-    name: str
     iterations: int
 
 
@@ -165,15 +161,19 @@ class QuadraticProgram:
             raise SolverFailed("a row whose lower bound is above its upper bound")
 
     def _run(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
-        """One run of OSQP, counted; its solution, verified. Raises SolverFailed without one."""
+        """One run of OSQP from the centre, counted; its solution, verified. Raises SolverFailed without one."""
         osqp, report = load_osqp(), self._report
         report.calls += 1
         try:
-            solution = self._result(data, proximal, settings)
-            if solution.status != osqp.SolverStatus.OSQP_SOLVED:
-                # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
-                status = solution.name
-            else:
+            self._set(data, proximal, settings)
+            self._extension.warm_start(data[-1], None)
+            self._extension.solve()
+            info, found = self._extension.info, self._extension.solution
+            # copies: OSQP may write its next solution into the same memory
+            solution = QpSolution(np.array(found.x), np.array(found.y), info.iter)
+            # any other status: inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
+            status = info.status
+            if info.status_val == osqp.SolverStatus.OSQP_SOLVED:
                 status = SOLVED if _is_optimal(data, proximal, solution) else UNVERIFIED
         except osqp.OSQPException as error:  # a problem that the extension refuses; any other exception is a bug
             status = type(error).__name__
@@ -184,8 +184,8 @@ class QuadraticProgram:
         report.solved += 1
         return solution
 
-    def _result(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
-        """Set OSQP up with a problem at first, else update it; run it from the centre."""
+    def _set(self, data: QpData, proximal: float, settings: dict[str, float]) -> None:
+        """Set OSQP up with a problem at first, else update it."""
         # ½ ε |z − z₀|² + gᵀ z is ½ ε |z|² + (g − ε z₀)ᵀ z, and a constant
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
@@ -202,11 +202,6 @@ class QuadraticProgram:
         else:
             self._extension.update_data_vec(q=linear, l=lower, u=upper)
             self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
-        self._extension.warm_start(centre, None)
-        self._extension.solve()
-        info, solution = self._extension.info, self._extension.solution
-        # copies: OSQP may write its next solution into the same memory
-        return QpSolution(np.array(solution.x), np.array(solution.y), info.status_val, info.status, info.iter)
 
 
 def _is_optimal(data: QpData, proximal: float, solution: QpSolution) -> bool:

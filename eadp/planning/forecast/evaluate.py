@@ -461,12 +461,11 @@ class Evaluator:
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
         """Share of the first leg of each route that is left, shape (routes,); `whole_s` are the times of whole legs."""
-        left: dict[int, float] = {}  # by row of the table: routes with the same first leg have one
-        rows = legs.order[legs.first].tolist()
-        for row, route, leg_s in zip(rows, routes, whole_s[legs.first].tolist(), strict=True):
-            if row not in left:
-                left[row] = self._left_of(known, route.legs[0], leg_s * known.time.ratio)
-        return np.array([left[row] for row in rows])
+        # routes with the same first leg have one share
+        _, different, of = np.unique(legs.order[legs.first], return_index=True, return_inverse=True)
+        legs_s = (whole_s[legs.first] * known.time.ratio).tolist()
+        left = np.array([self._left_of(known, routes[i].legs[0], legs_s[i]) for i in different.tolist()])
+        return left[of]
 
     def _left_of(self, known: Known, leg: Leg, leg_s: float) -> float:
         """Share of a leg being flown that is left, by the position; `leg_s` is the time of the whole leg [s].
