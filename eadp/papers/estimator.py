@@ -181,6 +181,18 @@ class ExactEstimator:
         self._started = state_w is not None
         self._start(np.zeros(1) if state_w is None else state_w[: 2 * self._order + 1])
 
+    def _start(self, known_w: FloatArray) -> None:
+        """Set the state, of wide covariance, before the first correction: the first numbers of q [W], else zeros."""
+        # q: the level and two numbers of each harmonic; then the disturbance and its rate
+        size, s = 2 * self._order + 1, self._settings
+        self._state: FloatArray = np.zeros(size + 2)
+        self._covariance: FloatArray = np.zeros((size + 2, size + 2))
+        self._state[: len(known_w)] = known_w
+        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(self._state[0]))
+        self._covariance[:size, :size] = np.diag([spread_w**2, *[spread_w**2 / 4] * (size - 1)])
+        self._covariance[size:, size:] = stationary_covariance(s.disturbance_std_w, s.disturbance_time_s)
+        self._dynamics: EnergyDynamics = self._dynamics_now()
+
     @property
     def state_w(self) -> FloatArray:
         """The energy state q [W]."""
@@ -207,18 +219,6 @@ class ExactEstimator:
             variance = self._dynamics.noise_w**2
             self._state, self._covariance = update(self._state, self._covariance, self._output, motion_w, variance)
         return expected
-
-    def _start(self, known_w: FloatArray) -> None:
-        """Set the state, of wide covariance, before the first correction: the first numbers of q [W], else zeros."""
-        # q: the level and two numbers of each harmonic; then the disturbance and its rate
-        size, s = 2 * self._order + 1, self._settings
-        self._state: FloatArray = np.zeros(size + 2)
-        self._covariance: FloatArray = np.zeros((size + 2, size + 2))
-        self._state[: len(known_w)] = known_w
-        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(self._state[0]))
-        self._covariance[:size, :size] = np.diag([spread_w**2, *[spread_w**2 / 4] * (size - 1)])
-        self._covariance[size:, size:] = stationary_covariance(s.disturbance_std_w, s.disturbance_time_s)
-        self._dynamics: EnergyDynamics = self._dynamics_now()
 
     # --- laps
 
