@@ -279,7 +279,7 @@ class LapBudget(Planner):
             self._metres += math.dist(o.position_m, self._last.position_m)
             assert o.sample.power_w is not None
             sets = o.cursor.stage.sets
-            self._energy_j += (o.sample.power_w - self._mission.computing.power_w(o.parameters, sets)) * step_s
+            self._energy_j += (o.sample.power_w - self.mission.computing.power_w(o.parameters, sets)) * step_s
         self._last = o
         if o.cursor.lap != self._lap and self._metres > 100:
             self._lap = o.cursor.lap
@@ -288,7 +288,7 @@ class LapBudget(Planner):
         return self._decision
 
     def _chosen(self, o: Observation) -> tuple[float, ...]:
-        plan, computing, battery = self._mission.plan, self._mission.computing, self._mission.battery
+        plan, computing, battery = self.mission.plan, self.mission.computing, self.mission.battery
         box, levels_box = plan.hull(0), plan.hull(1)
         levels = computing.levels(0, levels_box)
         motion_w = self._energy_j / o.time_s
@@ -303,7 +303,7 @@ class LapBudget(Planner):
                 continue
             seconds = sum(leg.distance_m for leg in route.legs) / speed
             power = motion_w + computing.power_w((c1, c2), _free(plan.stages))
-            if o.soc - battery.drain_per_s(power, battery.voltage_v) * seconds >= self._settings.reserve_soc:
+            if o.soc - battery.drain_per_s(power, battery.voltage_v) * seconds >= self.settings.reserve_soc:
                 return c1, c2
         return box.lo, levels[0]
 

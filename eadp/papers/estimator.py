@@ -114,6 +114,27 @@ class PowerEstimate(NamedTuple):
         return self.forecast_w(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
 
 
+@dataclass(frozen=True, eq=False)
+class EnergyDynamics:
+    """State-space model of the motion power: harmonics of a period that drift, a disturbance, and a sensor's noise.
+
+    Units are as in `eadp.papers.forecasting`.
+    """
+
+    order: int
+    period_s: float
+    drift_w2_per_s: FloatArray
+    std_w: float
+    time_s: float
+    noise_w: float
+
+    @lru_cache(maxsize=4)  # noqa: B019 - few of few models, and steps are mostly alike
+    def step(self, step_s: float) -> tuple[FloatArray, FloatArray]:
+        """e^{A Δt}, which moves the state over a step [s], and Q, the covariance that it adds."""
+        turn = forecasting.step_matrix(self.order, self.period_s, self.time_s, step_s)
+        return turn, forecasting.step_noise(self.drift_w2_per_s, self.std_w, self.time_s, step_s)
+
+
 class ExactEstimator:
     """Level, harmonics of the lap and a Matérn-3/2 disturbance, by a Kalman filter that is exact for any step.
 
@@ -154,38 +175,50 @@ class ExactEstimator:
         self.follows_laps = self._order > 0
         self.period_s = period_s
         self.period_std_s = NOMINAL_PERIOD_SHARE * (period_s or 0.0) if period_std_s is None else period_std_s
-        state = np.zeros(2 * self._order + 3)
-        self._started = state_w is not None
-        if state_w is not None:
-            state[:-2] = state_w[: 2 * self._order + 1]
-        self._filter = self._first_filter(state)
+        self._output = forecasting.output(self._order)
         self._time_s: float | None = None  # of the last reading [s]
         self._lap_marks_s: list[float] = []  # starts of the laps in a row, and the end of the last [s]
+        self._started = state_w is not None
+        self._start(np.zeros(1) if state_w is None else state_w[: 2 * self._order + 1])
+
+    def _start(self, known_w: FloatArray) -> None:
+        """Set the state, of wide covariance, before the first correction: the first numbers of q [W], else zeros."""
+        # q: the level and two numbers of each harmonic; then the disturbance and its rate
+        size, s = 2 * self._order + 1, self._settings
+        self._state: FloatArray = np.zeros(size + 2)
+        self._covariance: FloatArray = np.zeros((size + 2, size + 2))
+        self._state[: len(known_w)] = known_w
+        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(self._state[0]))
+        self._covariance[:size, :size] = np.diag([spread_w**2, *[spread_w**2 / 4] * (size - 1)])
+        self._covariance[size:, size:] = stationary_covariance(s.disturbance_std_w, s.disturbance_time_s)
+        self._dynamics: EnergyDynamics = self._dynamics_now()
 
     @property
     def state_w(self) -> FloatArray:
         """The energy state q [W]."""
-        return self._filter.state[:-2]
+        return self._state[:-2]
 
     # --- readings
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
         """Update the state with a reading [W], None where there is none; return the forecast that it was before [W].
 
-        Predicts to `time_s`, and corrects with the reading unless the gate holds.
+        Predicts to `time_s`, and corrects with the reading unless the gate holds. A step of 0 s is a second reading at
+        one time.
         """
         step_s, self._time_s = time_s - (time_s if self._time_s is None else self._time_s), time_s
         if motion_w is not None and not self._started:
-            self._start(motion_w)
-        return self._filter.follow(step_s, motion_w, self._settings.gate_w)
-
-    def _start(self, motion_w: float) -> None:
-        """Initialise the level with the first reading of the motion's power [W]."""
-        self._started = True
-        # q: the level and two numbers of each harmonic; then the disturbance and its rate
-        state = np.zeros(2 * self._order + 3)
-        state[0] = motion_w
-        self._filter = self._first_filter(state)
+            self._started = True
+            self._start(np.array([motion_w]))
+        if step_s > 0:
+            turn, noise = self._dynamics.step(round(step_s, 12))
+            self._state, self._covariance = predict(self._state, self._covariance, turn, noise)
+        expected, gate_w = float(self._output @ self._state), self._settings.gate_w
+        # draft 002's ε: no update where |y − C q| ≤ ε
+        if motion_w is not None and not (gate_w and abs(motion_w - expected) <= gate_w):
+            variance = self._dynamics.noise_w**2
+            self._state, self._covariance = update(self._state, self._covariance, self._output, motion_w, variance)
+        return expected
 
     # --- laps
 
@@ -196,7 +229,7 @@ class ExactEstimator:
         if times and times[-1] > 0 and self._order:
             self.period_s = times[-1]
             self.period_std_s = _lap_time_std_s(times)
-            self._filter.dynamics = self._dynamics(self._filter.state)
+            self._dynamics = self._dynamics_now()  # the state keeps its meaning, so that phases continue
 
     def start_lap(self, time_s: float) -> None:
         """Start a lap that follows no other."""
@@ -206,13 +239,13 @@ class ExactEstimator:
 
     def shift_level(self, by_w: float) -> None:
         """Step α0 by a known change of power [W], as B u does. Source: letter, Eq. 8; draft 002, Eq. 7."""
-        self._filter.state = self._filter.state.copy()  # estimates hold the one before
-        self._filter.state[0] += by_w
+        self._state = self._state.copy()  # estimates hold the one before
+        self._state[0] += by_w
 
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
-        state, disturbance_s = self._filter.state, self._settings.disturbance_time_s
-        return PowerEstimate(self._time_s or 0.0, self.period_s, state, disturbance_s, computing_w, horizon_s)
+        disturbance_s = self._settings.disturbance_time_s
+        return PowerEstimate(self._time_s or 0.0, self.period_s, self._state, disturbance_s, computing_w, horizon_s)
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
@@ -220,20 +253,10 @@ class ExactEstimator:
 
     # --- the model
 
-    def _first_filter(self, state: FloatArray) -> EnergyFilter:
-        """The filter before the first correction, at a state of wide covariance."""
-        size = 2 * self._order + 1
-        covariance = np.zeros((size + 2, size + 2))
-        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(state[0]))
-        covariance[:size, :size] = np.diag([spread_w**2, *[spread_w**2 / 4] * (size - 1)])
-        s = self._settings
-        covariance[size:, size:] = stationary_covariance(s.disturbance_std_w, s.disturbance_time_s)
-        return EnergyFilter(state, covariance, self._dynamics(state))
-
-    def _dynamics(self, state: FloatArray) -> EnergyDynamics:
+    def _dynamics_now(self) -> EnergyDynamics:
         """The model with the period as estimated so far.
 
-        Harmonics drift by their amplitudes in a state: they turn with the period, which is uncertain.
+        Harmonics drift by their amplitudes in the state: they turn with the period, which is uncertain.
         """
         s, period_s = self._settings, self.period_s or 1.0
         noise_w, std_w = max(s.noise_w, EXACT_SENSOR_W), s.disturbance_std_w
@@ -243,7 +266,7 @@ class ExactEstimator:
         # |α_j + iβ_j|² (2πj std/T)² / 2T:
         # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
         turned = 2 * math.pi * np.arange(1, self._order + 1) * self.period_std_s / period_s
-        squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
+        squared_amplitudes = self._state[1:-2:2] ** 2 + self._state[2:-2:2] ** 2
         drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
         return EnergyDynamics(self._order, period_s, drift, std_w, s.disturbance_time_s, noise_w)
 
@@ -350,54 +373,6 @@ class PublishedEstimator:
 
 Estimator = ExactEstimator | PublishedEstimator
 """Readings and laps in, forecast power out."""
-
-
-@dataclass(frozen=True, eq=False)
-class EnergyDynamics:
-    """State-space model of the motion power: harmonics of a period that drift, a disturbance, and a sensor's noise.
-
-    Units are as in `eadp.papers.forecasting`.
-    """
-
-    order: int
-    period_s: float
-    drift_w2_per_s: FloatArray
-    std_w: float
-    time_s: float
-    noise_w: float
-
-    @lru_cache(maxsize=4)  # noqa: B019 - few of few models, and steps are mostly alike
-    def step(self, step_s: float) -> tuple[FloatArray, FloatArray]:
-        """e^{A Δt}, which moves the state over a step [s], and Q, the covariance that it adds."""
-        turn = forecasting.step_matrix(self.order, self.period_s, self.time_s, step_s)
-        return turn, forecasting.step_noise(self.drift_w2_per_s, self.std_w, self.time_s, step_s)
-
-
-class EnergyFilter:
-    """State and covariance, step by step.
-
-    Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16; see `eadp.papers.estimator`.
-    """
-
-    def __init__(self, state: FloatArray, covariance: FloatArray, dynamics: EnergyDynamics) -> None:
-        self.state, self.covariance = state, covariance
-        self.dynamics = dynamics  # may be switched to another: the state keeps its meaning, so that phases continue
-        self._output = forecasting.output(dynamics.order)
-
-    def follow(self, step_s: float, measured_w: float | None, gate_w: float = 0.0) -> float:
-        """Predict over a step, update with a reading, and return its forecast [W].
-
-        None is no reading, and one no farther than `gate_w` from its forecast corrects nothing. A step of 0 s is a
-        second reading at one time.
-        """
-        if step_s > 0:
-            self.state, self.covariance = predict(self.state, self.covariance, *self.dynamics.step(round(step_s, 12)))
-        expected = float(self._output @ self.state)
-        # draft 002's ε: no update where |y − C q| ≤ ε
-        if measured_w is not None and not (gate_w and abs(measured_w - expected) <= gate_w):
-            variance = self.dynamics.noise_w**2
-            self.state, self.covariance = update(self.state, self.covariance, self._output, measured_w, variance)
-        return expected
 
 
 def predict(

@@ -63,8 +63,8 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class PathSettings:
-    """How planner `paper` chooses the path parameters."""
+class PaperSettings:
+    """Settings of planner `paper`: how it chooses the path, when it plans, and the computations over its horizon."""
 
     gains: Mapping[str, Finite] = field(default_factory=dict)
     """Change of the motion's power by a unit of a path parameter, by name [W per unit]."""
@@ -90,11 +90,6 @@ class PathSettings:
 
     shortest_s: Positive | None = None
     """Time of the whole coverage at the lowest path parameters [s]; by default from the plan's geometry."""
-
-
-@dataclass(frozen=True)
-class PaperSettings(PathSettings):
-    """Settings of planner `paper`: when it plans, the computations over its horizon, and the path."""
 
     horizon_s: Annotated[float, Gt(0), Le(1e5)] | Literal["period"] = 6.0
     """Length of the horizon [s], or `period`: one period of the power."""
@@ -135,11 +130,12 @@ class PaperPlanner(Planner):
     """
 
     own_settings = PaperSettings
+    own: PaperSettings
     power: PowerTracker
 
     def __init__(self, settings: PlannerSettings, mission: Mission, own: PaperSettings | None = None) -> None:
-        super().__init__(settings, mission)
-        self._own = own = own or PaperSettings()
+        super().__init__(settings, mission, own or PaperSettings())
+        own = self.own
         horizon_s = None if own.horizon_s == "period" else own.horizon_s
         self.power = PowerTracker(settings.estimator, mission, horizon_s)
         if own.solver != SUBROUTINE:
@@ -188,10 +184,10 @@ class PaperPlanner(Planner):
             self.power.shift_level(self._gained_w(path))
             self._flown_path = path
         jumped = state.soc_before is not None and abs(o.soc - state.soc_before) > SOC_JUMP
-        if not self._laps_known() or o.time_s < self._own.start_after_s - 1e-9:
+        if not self._laps_known() or o.time_s < self.own.start_after_s - 1e-9:
             return self._decision
         if jumped or o.time_s >= self._next_s - 1e-9:
-            self._next_s = next_multiple(o.time_s, self._settings.every_s)
+            self._next_s = next_multiple(o.time_s, self.settings.every_s)
             self._replan(o, jumped=jumped)
         return self._decision
 
@@ -201,10 +197,10 @@ class PaperPlanner(Planner):
         calls, started = report.calls, time.perf_counter()
         parameters, record = self._plan_computations(o, decided)
         if jumped or o.time_s >= self._next_path_s - 1e-9:
-            every_s = self._own.path_every_s or self._settings.every_s
+            every_s = self.own.path_every_s or self.settings.every_s
             self._next_path_s = next_multiple(o.time_s, every_s)
             parameters = self._path(o, parameters)
-            if self._own.trade_offs and parameters[: self._rho] != decided[: self._rho]:
+            if self.own.trade_offs and parameters[: self._rho] != decided[: self._rho]:
                 # the computations keep to the rows with the new path, too
                 parameters, record = self._plan_computations(o, parameters)
         ran = report.calls - calls
@@ -225,7 +221,7 @@ class PaperPlanner(Planner):
 
     def _laps_known(self) -> bool:
         """Whether `min_periods` are flown, where there are any."""
-        return self._mission.plan.primitive_stages is None or self._laps >= self._own.min_periods
+        return self.mission.plan.primitive_stages is None or self._laps >= self.own.min_periods
 
     # --- computations
 
@@ -234,7 +230,7 @@ class PaperPlanner(Planner):
 
         Returns `decided` with the computations to fly with now, and the record of how they were found.
         """
-        sets, free = self._mission.plan.stages[o.stage - 1].sets, self._free(o)
+        sets, free = self.mission.plan.stages[o.stage - 1].sets, self._free(o)
         # status, calls, iterations, gap and reason
         nothing = NOTHING_TO_CHOOSE, 0, 0, None, NOTHING_TO_CHOOSE
         record = DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, *nothing)
@@ -245,7 +241,7 @@ class PaperPlanner(Planner):
         values, powers_w = [sets[i].lo for i in free], None
         deltas = np.array([self._deltas[i] for i in free])
         try:
-            if self._own.solver == SUBROUTINE:
+            if self.own.solver == SUBROUTINE:
                 values = horizon.lowered(deltas, forecast)[0].tolist()
                 record = record._replace(status=LOWERED, reason="planned")
             else:
@@ -272,29 +268,29 @@ class PaperPlanner(Planner):
         for i, value in zip(free, values, strict=True):
             chosen[i] = value
         if powers_w is None:  # values that hold over the whole horizon
-            powers_w = np.full(self._steps(), self._mission.computing.power_w(chosen, sets))
+            powers_w = np.full(self._steps(), self.mission.computing.power_w(chosen, sets))
         self._computing_plan_w = powers_w
         return tuple(chosen), record
 
     def _free(self, o: Observation) -> list[int]:
         """Computations of the stage that have more than one value."""
-        sets = self._mission.plan.stages[o.stage - 1].sets
+        sets = self.mission.plan.stages[o.stage - 1].sets
         return [i for i in range(self._rho, len(sets)) if not sets[i].fixed]
 
     def _steps(self) -> int:
         """Number of steps of the horizon."""
-        return min(max(1, round(self.power.horizon_s / self._settings.every_s)), MAX_STEPS)
+        return min(max(1, round(self.power.horizon_s / self.settings.every_s)), MAX_STEPS)
 
     def _horizon(self, o: Observation, path: Vector) -> Horizon:
         """The optimal control problem on the stage being flown, built once for each key.
 
         Trade-offs have to hold with the path in force and with the one decided, `path`.
         """
-        plan, own, steps = self._mission.plan, self._own, self._steps()
+        plan, own, steps = self.mission.plan, self.own, self._steps()
         sets = plan.stages[o.stage - 1].sets
         trade_offs = [row for row in own.trade_offs if row.holds_in(o.stage)]
         paths = frozenset({o.parameters[: self._rho], path} if trade_offs else ())
-        battery = self._mission.battery.near(o.soc)
+        battery = self.mission.battery.near(o.soc)
         key = (steps, battery.voltage_v, paths, sets[self._rho :], tuple(map(id, trade_offs)))
         if key not in self._horizons:
             free = self._free(o)
@@ -304,9 +300,9 @@ class PaperPlanner(Planner):
                 """Power of the computations with these values of the free ones [W]."""
                 for i, value in zip(free, values, strict=True):
                     base[i] = value
-                return self._mission.computing.power_w(base, sets)
+                return self.mission.computing.power_w(base, sets)
 
-            levels = [allowed_levels(self._settings, self._mission, i, sets[i]) for i in free]
+            levels = [allowed_levels(self.settings, self.mission, i, sets[i]) for i in free]
             computations = ComputationLevels(
                 np.array([sets[i].lo for i in free]), np.array([sets[i].hi for i in free]), levels, power
             )
@@ -322,7 +318,7 @@ class PaperPlanner(Planner):
 
     def _cost(self, free: list[int], parameters: Vector) -> HorizonCost:
         """The cost over the free computations; the path's parameters, constant over the horizon, become its offsets."""
-        own = self._own
+        own = self.own
         q, r = (np.array(weight) if isinstance(weight, tuple) else weight for weight in own.cost_weights)
         offsets: FloatArray | float = 0.0
         if isinstance(r, np.ndarray):
@@ -333,9 +329,9 @@ class PaperPlanner(Planner):
 
     def _horizon_forecast(self, o: Observation) -> HorizonForecast:
         """The charge, and the forecast of the motion's power over the horizon, by samples within each step."""
-        steps, every_s = self._steps(), self._settings.every_s
+        steps, every_s = self._steps(), self.settings.every_s
         instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
-        worst = self._own.constraint_at == "worst"
+        worst = self.own.constraint_at == "worst"
         motion = self.power.estimator.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
         limit = motion.max(axis=1) if worst else motion[:, -1]
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
@@ -355,7 +351,7 @@ class PaperPlanner(Planner):
             return parameters
         path = parameters[: self._rho]
         chosen = self._path_by_rule(o, path, coverage)
-        if self._own.trade_offs and chosen != path:
+        if self.own.trade_offs and chosen != path:
             ways = (
                 tuple(old + tenths / 10 * (new - old) for old, new in zip(path, chosen, strict=True))
                 for tenths in range(10, 0, -1)
@@ -370,7 +366,7 @@ class PaperPlanner(Planner):
         of every set, the largest that suffices. "subroutine": lowered by δ until it suffices. "delta": one δ down where
         the path in force does not suffice; one up, if rises are allowed and that still suffices.
         """
-        own, boxes = self._own, coverage.boxes
+        own, boxes = self.own, coverage.boxes
         # "down" is the direction in which the path parameters shorten the coverage
         down = -1 if coverage.at_highest_s >= coverage.at_lowest_s else 1
         found_s: dict[float, float] = {}
@@ -417,7 +413,7 @@ class PaperPlanner(Planner):
         """
         # t_s = Σ(ν c + τ), the time of the whole coverage: l. 24
         total_s = sum(coverage.controls_s(path))
-        if self._own.remaining_time == "published":
+        if self.own.remaining_time == "published":
             return total_s / coverage.whole_s * (coverage.whole_s - time_s)
         return total_s - time_s
 
@@ -426,7 +422,7 @@ class PaperPlanner(Planner):
         shortest, longest = coverage.at_lowest_s, coverage.at_highest_s
         # t_r ≤ t_b solved for t_s, the time of the whole coverage, which is linear in the share
         limit_s = last_s + time_s
-        if self._own.remaining_time == "published":
+        if self.own.remaining_time == "published":
             whole = coverage.whole_s
             limit_s = last_s * whole / (whole - time_s) if time_s < whole else math.inf
         if math.isinf(limit_s) or longest == shortest:
@@ -439,10 +435,10 @@ class PaperPlanner(Planner):
         The computations are those of the horizon, and after it those of its last step. The motion is periodic, so that
         one period is predicted. A voltage that falls with the charge is taken halfway to the reserve.
         """
-        spare = o.soc - self._settings.reserve_soc
+        spare = o.soc - self.settings.reserve_soc
         if spare <= 0:
             return 0.0
-        every_s, step_s, computing_w = self._settings.every_s, LOOK_AHEAD_STEP_S, self._computing_plan_w
+        every_s, step_s, computing_w = self.settings.every_s, LOOK_AHEAD_STEP_S, self._computing_plan_w
         # `head` steps of the horizon, then the steps of one period; `of_step` is the horizon's step that gives each one
         # its computations
         head = max(1, round(len(computing_w) * every_s / step_s))
@@ -451,7 +447,7 @@ class PaperPlanner(Planner):
         of_step = np.minimum(at_s // every_s, len(computing_w) - 1).astype(int)
         motion_w = self.power.estimator.forecast(at_s + 0.5 * step_s)
         power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[of_step]
-        battery = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
+        battery = self.mission.battery.near((o.soc + self.settings.reserve_soc) / 2)
         return _lasting_s(power_w, head, step_s, spare, battery)
 
 
@@ -520,7 +516,7 @@ class _Coverage(NamedTuple):
         return [nu * value + tau for (nu, tau), value in zip(scalings, parameters[:rho], strict=True)]
 
 
-def _coverage(settings: PathSettings, mission: Mission) -> _Coverage | None:
+def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
     """The whole coverage of a mission: its times by the settings, else nominal at cruise speed without wind.
 
     None if no path parameter is free, or the nominal path is undefined or without end.

@@ -171,14 +171,12 @@ class Observation(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """A batch of one or more consecutive sensor readings: position, power, charge, ground velocity, heading, airspeed.
+    """A batch of one or more consecutive sensor readings: power, charge, ground velocity, heading, airspeed.
 
     Quantities are as in `Sample`, NaN where they are not measured.
     """
 
     times_s: Column
-    x_m: Column
-    y_m: Column
     powers_w: Sequence[float | None] | FloatArray
     charges: Column
     vx_mps: Column

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,6 @@ from numpy.typing import NDArray
 from eadp.core.arrays import FloatArray
 from eadp.errors import EadpError, SolverFailed
 from eadp.planning.base import SolverReport
-
-if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
 
 UNBOUNDED = 1e30
 SETTINGS: dict[str, float] = {"scaling": 0, "max_iter": 4000}
@@ -77,60 +74,13 @@ class QpSolution(NamedTuple):
         The minimiser.
     multipliers : array, shape (rows,)
         Lagrange multipliers of the rows, positive at upper bounds.
-    status, name : int and str
-        OSQP's status.
     iterations : int
         Iterations of the run.
     """
 
     x: FloatArray
     multipliers: FloatArray
-    status: int
-    name: str
     iterations: int
-
-
-class OsqpSolver:
-    """OSQP with a problem, whose vectors and entries of A change.
-
-    Parameters
-    ----------
-    diagonal : float
-        P is this multiple of the identity.
-    linear, rows, lower, upper
-        q, A by columns, l and u.
-    settings : dict
-    """
-
-    def __init__(
-        self,
-        diagonal: float,
-        linear: FloatArray,
-        rows: csc_matrix,
-        lower: FloatArray,
-        upper: FloatArray,
-        settings: dict[str, Any],
-    ) -> None:
-        from scipy.sparse import identity
-
-        self.rows, self.columns = rows.shape
-        osqp = load_osqp().OSQP()
-        osqp.setup(diagonal * identity(self.columns, format="csc"), linear, rows, lower, upper, **settings)
-        # the extension itself: what the interface does around each call takes as long as OSQP does
-        self._extension = osqp._solver
-
-    def update(self, linear: FloatArray, lower: FloatArray, upper: FloatArray, entries: FloatArray) -> None:
-        """Set q, l, u and the entries of A, in the order of its columns."""
-        self._extension.update_data_vec(q=linear, l=lower, u=upper)
-        self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
-
-    def run(self, start: FloatArray) -> QpSolution:
-        """Run OSQP from `start`; its result, whatever its status."""
-        self._extension.warm_start(start, None)
-        self._extension.solve()
-        info, solution = self._extension.info, self._extension.solution
-        # copies: OSQP may write its next solution into the same memory
-        return QpSolution(np.array(solution.x), np.array(solution.y), info.status_val, info.status, info.iter)
 
 
 QpData = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
@@ -162,7 +112,8 @@ class QuadraticProgram:
         self._indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
         self._proximal, self._retry_proximal = proximal, max(RETRY_PROXIMAL[0] * proximal, RETRY_PROXIMAL[1])
         self._report, self._tolerance = report, tolerance
-        self._solver: OsqpSolver | None = None
+        # OSQP's extension, once set up: what its interface does around each call takes as long as OSQP does
+        self._extension: Any = None
 
     def solve(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
@@ -191,12 +142,12 @@ class QuadraticProgram:
         try:
             return self._run(data, self._proximal, SETTINGS)
         except SolverFailed:
-            self._solver = None  # a failed run leaves a poor starting point
+            self._extension = None  # a failed run leaves a poor starting point
             self._report.retried += 1
         try:
             return self._run(data, self._retry_proximal, RETRY)
         finally:
-            self._solver = None  # the next problem starts with the settings of a first run
+            self._extension = None  # the next problem starts with the settings of a first run
 
     def _check(self, data: QpData) -> None:
         """Refuse data that OSQP would accept silently."""
@@ -210,15 +161,19 @@ class QuadraticProgram:
             raise SolverFailed("a row whose lower bound is above its upper bound")
 
     def _run(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
-        """One run of OSQP, counted; its solution, verified. Raises SolverFailed without one."""
+        """One run of OSQP from the centre, counted; its solution, verified. Raises SolverFailed without one."""
         osqp, report = load_osqp(), self._report
         report.calls += 1
         try:
-            solution = self._result(data, proximal, settings)
-            if solution.status != osqp.SolverStatus.OSQP_SOLVED:
-                # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
-                status = solution.name
-            else:
+            self._set(data, proximal, settings)
+            self._extension.warm_start(data[-1], None)
+            self._extension.solve()
+            info, found = self._extension.info, self._extension.solution
+            # copies: OSQP may write its next solution into the same memory
+            solution = QpSolution(np.array(found.x), np.array(found.y), info.iter)
+            # any other status: inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
+            status = info.status
+            if info.status_val == osqp.SolverStatus.OSQP_SOLVED:
                 status = SOLVED if _is_optimal(data, proximal, solution) else UNVERIFIED
         except osqp.OSQPException as error:  # a problem that the extension refuses; any other exception is a bug
             status = type(error).__name__
@@ -229,21 +184,24 @@ class QuadraticProgram:
         report.solved += 1
         return solution
 
-    def _result(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
-        """Set OSQP up with a problem at first, else update it; run it from the centre."""
+    def _set(self, data: QpData, proximal: float, settings: dict[str, float]) -> None:
+        """Set OSQP up with a problem at first, else update it."""
         # ½ ε |z − z₀|² + gᵀ z is ½ ε |z|² + (g − ε z₀)ᵀ z, and a constant
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
         entries = matrix.take(self._places)
-        if self._solver is None:
-            from scipy.sparse import csc_matrix
+        if self._extension is None:
+            from scipy.sparse import csc_matrix, identity
 
             rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
             tolerance = {"eps_abs": self._tolerance, "eps_rel": self._tolerance}
-            self._solver = OsqpSolver(proximal, linear, rows, lower, upper, SILENT | tolerance | settings)
+            osqp = load_osqp().OSQP()
+            quadratic = proximal * identity(self._columns, format="csc")
+            osqp.setup(quadratic, linear, rows, lower, upper, **SILENT | tolerance | settings)
+            self._extension = osqp._solver
         else:
-            self._solver.update(linear, lower, upper, entries)
-        return self._solver.run(centre)
+            self._extension.update_data_vec(q=linear, l=lower, u=upper)
+            self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
 
 
 def _is_optimal(data: QpData, proximal: float, solution: QpSolution) -> bool:

@@ -79,7 +79,6 @@ class Planner:
     def __init__(self, settings: PlannerSettings, mission: Mission, own: Any = None) -> None:
         self.report = SolverReport()
         self.settings, self.mission, self.own = settings, mission, own
-        self._settings, self._mission, self._own = settings, mission, own
         self._decision = Decision(mission.parameters)
 
     @classmethod

@@ -375,7 +375,8 @@ class _PlannerBridge:
         step_s = self._step_s
         times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
         airspeeds_mps = [math.nan] * len(times_s)  # not measured
-        self._flight.take(Readings(times_s, *columns, airspeeds_mps))
+        # columns in the order of `Measured`, of which a planner gets no positions
+        self._flight.take(Readings(times_s, *columns[2:], airspeeds_mps))
 
 
 def step_at(time_s: float, step_s: float, max_step: int) -> int:

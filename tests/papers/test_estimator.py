@@ -48,12 +48,12 @@ ROW = np.array([1.0, 1, 0, 1, 0, 1, 0, 1, 0])
 
 def covariance(estimator):
     """P, up to date."""
-    return estimator._filter.covariance
+    return estimator._covariance
 
 
 def state(estimator):
     """The whole state."""
-    return estimator._filter.state.copy()
+    return estimator._state.copy()
 
 
 def fed(estimator, times_s, missing=()):
@@ -146,14 +146,14 @@ def test_it_starts_from_the_first_reading_in_the_mean():
 def test_harmonics_drift_as_an_uncertain_period_turns_them():
     """A lap that is 0.5 s off 46 s turns harmonic j by 2π j 0.5/46; half of that change squared falls to each part."""
     settings = EstimatorSettings(level_drift_w_per_sqrt_s=0.1, harmonic_drift_w_per_sqrt_s=0.2)
-    dynamics = ExactEstimator(settings, PERIOD_S, STATE_W, period_std_s=0.5)._filter.dynamics
+    dynamics = ExactEstimator(settings, PERIOD_S, STATE_W, period_std_s=0.5)._dynamics
     assert (dynamics.order, dynamics.period_s, dynamics.noise_w) == (3, PERIOD_S, 0.5)
     amplitudes = np.array([math.hypot(1.5, -0.8), math.hypot(0.6, 0.4), math.hypot(-0.3, 0.2)])
     off_w = amplitudes * 2 * math.pi * np.array([1, 2, 3]) * 0.5 / 46
     assert dynamics.drift_w2_per_s == pytest.approx([0.01, *(0.04 + off_w**2 / 2 / 46)])
     # where the settings have none, a hundredth of the noise: 1.2² W² of the sensor and 0.5² of the disturbance
     none = replace(settings, level_drift_w_per_sqrt_s=0.0, harmonic_drift_w_per_sqrt_s=0.0, noise_w=1.2)
-    dynamics = ExactEstimator(none, PERIOD_S)._filter.dynamics
+    dynamics = ExactEstimator(none, PERIOD_S)._dynamics
     assert dynamics.drift_w2_per_s == pytest.approx(np.full(4, 1e-4 * (1.44 + 0.25)))
 
 

@@ -35,7 +35,7 @@ from eadp.planning.forecast.battery_limits import (
 from eadp.planning.forecast.clearance import Homeward, after_leg, homeward, with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
-from eadp.planning.forecast.speed_to_fly import SpeedChoice, airspeeds_of, paces_of
+from eadp.planning.forecast.speed_to_fly import SpeedChoice, airspeeds_of
 from eadp.planning.state.charge import charge_at_end
 from eadp.planning.state.known import Known, WindKnown, terms_of
 from eadp.planning.state.level_regression import WINDOW_S
@@ -340,19 +340,15 @@ class Evaluator:
             self._way_home = known.autopilot, way_home.flown_by(known.autopilot)
         return self._way_home[1]
 
-    def speed_choice(self, known: Known, routes: Sequence[Route]) -> tuple[SpeedChoice, list[float], list[float]]:
-        """The choice of airspeeds on routes, the paces that there are [m/s], and the value of a second at each [W]."""
-        vehicle = self.mission.vehicle
+    def speed_choice(self, known: Known, routes: Sequence[Route]) -> SpeedChoice:
+        """The choice of airspeeds on routes, with the computations half way between their extremes."""
+        plan, vehicle = self.mission.plan, self.mission.vehicle
         assert not isinstance(vehicle, PaperVehicle)
         legs = RouteArrays.of(routes)
         groups = self.envelopes.groups(routes[0].table, legs.order)
         computing_w = self.envelopes.extremes_w()[groups].mean(axis=1)
-        calibrated = calibrated_over_true(self.mission.plan.site, vehicle)
-        speeds_mps = airspeeds_of(vehicle, known, legs.rows, calibrated)
-        choice = SpeedChoice.of(known, legs, computing_w, speeds_mps)
-        mean_w = float(choice.seconds[0, choice.row_of] @ computing_w / choice.seconds[0, choice.row_of].sum())
-        paces, values_w = paces_of(speeds_mps, known.motion, mean_w)
-        return choice, paces, values_w
+        speeds_mps = airspeeds_of(vehicle, known, legs.rows, calibrated_over_true(plan.site, vehicle))
+        return SpeedChoice.of(known, legs, computing_w, speeds_mps, len(plan.stages))
 
     def evaluate(self, known: Known, routes: Sequence[Route], airspeeds_mps: FloatArray | None = None) -> Evaluation:
         """Evaluate routes from a moment of a flight: times and powers of their legs, then charge and computations.
@@ -401,9 +397,8 @@ class Evaluator:
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
         wind_var += OVERSHOOT_SHARE**2 * legs.sums(excess_s**2) / np.maximum(legs.sums(in_winds_s[0]), 1e-3) ** 2
         whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s * factor[legs.place]
-        left = self._left(known, legs, routes, whole_s)
         part = np.ones(len(whole_s))
-        part[legs.first] = left
+        part[legs.first] = self._left(known, legs, routes, whole_s)
         times_s = whole_s * part * known.time.ratio
         # y = level · a + (flat + turn · tan²φ) b, between 0 and the motor's maximum
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
@@ -423,7 +418,7 @@ class Evaluator:
         extremes_w = self.envelopes.extremes_w()[groups]
         load = RouteLoad(times_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
         totals = self._totals(known, legs, load, (level_s, bank_s), wind_var)
-        found = self._evaluation(known, routes, legs, groups, load, left, totals)
+        found = self._evaluation(known, routes, legs, groups, load, totals)
         return replace(found, airspeeds_mps=airspeeds_mps)
 
     def _evaluation(
@@ -433,13 +428,11 @@ class Evaluator:
         legs: RouteArrays,
         groups: IntArray,
         load: RouteLoad,
-        left: FloatArray,
         totals: Totals,
     ) -> Evaluation:
         """Charge and computations of routes, by the times and powers of their legs: the second half of `evaluate`.
 
-        `groups` are those of the legs' configurations, shape (legs,), and `left` the share of each route's first leg
-        that is left, shape (routes,); `totals` are without `soc_per_j`.
+        `groups` are those of the legs' configurations, shape (legs,); `totals` are without `soc_per_j`.
         """
         # the voltage on each leg, and the configurations that the battery's limits of power leave
         battery, reserve_soc = self.mission.battery, self.objective.reserve_soc
@@ -468,12 +461,11 @@ class Evaluator:
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
         """Share of the first leg of each route that is left, shape (routes,); `whole_s` are the times of whole legs."""
-        left: dict[int, float] = {}  # by row of the table: routes with the same first leg have one
-        rows = legs.order[legs.first].tolist()
-        for row, route, leg_s in zip(rows, routes, whole_s[legs.first].tolist(), strict=True):
-            if row not in left:
-                left[row] = self._left_of(known, route.legs[0], leg_s * known.time.ratio)
-        return np.array([left[row] for row in rows])
+        # routes with the same first leg have one share
+        _, different, of = np.unique(legs.order[legs.first], return_index=True, return_inverse=True)
+        legs_s = (whole_s[legs.first] * known.time.ratio).tolist()
+        left = np.array([self._left_of(known, routes[i].legs[0], legs_s[i]) for i in different.tolist()])
+        return left[of]
 
     def _left_of(self, known: Known, leg: Leg, leg_s: float) -> float:
         """Share of a leg being flown that is left, by the position; `leg_s` is the time of the whole leg [s].
@@ -531,17 +523,7 @@ class Evaluator:
         `by_power_s` are the derivatives of each route's energy by a and b, at the airframe's own airspeed its time and
         the time integral of tan² φ [s]; `wind_var` is the variance of the time's logarithm due to the wind.
         """
-        time, motion, (level_s, bank_s) = known.time, known.motion, by_power_s
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
-        # var t = t² (var ratio + var log t) + noise t
-        time_var = seconds**2 * (time.variance + wind_var) + time.noise_s * seconds
-        # var E = (∂E/∂a, ∂E/∂b) P (∂E/∂a, ∂E/∂b)ᵀ + v t, with P the covariance of a and b
-        energy_var = (
-            level_s**2 * motion.var_level
-            + 2 * level_s * bank_s * motion.cov_level_slope
-            + bank_s**2 * motion.var_slope
-            + motion.noise * seconds
-        )
         mean_w = legs.sums((load.motion_w + (load.min_w + load.max_w) / 2) * load.times_s) / seconds
         # charge used to charge predicted: by the filter's state after the drain of the mean power
         battery = self.mission.battery
@@ -550,8 +532,8 @@ class Evaluator:
         soc, charge_var = charge_at_end(known.charge.filtered, drain)
         return Totals(
             seconds=seconds,
-            time_var_s2=time_var,
-            energy_var_j2=energy_var,
+            time_var_s2=known.time.var_s2(seconds, wind_var),
+            energy_var_j2=known.motion.energy_var_j2(seconds, *by_power_s),
             use_ratio=(known.soc - soc) / np.maximum(drain, 1e-12),
             charge_var=charge_var,
             mean_w=mean_w,
@@ -664,11 +646,8 @@ class Evaluator:
         # the charge less the expected losses, and what the autopilot's return takes: the level that it exceeds with the
         # probability if nothing is used
         soc = known.soc - self.losses(known, totals.seconds) * LOSS - totals.soc_per_j * own.joules
-        available = (
-            soc
-            - self.quantile * std
-            - np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
-        )
+        floor = np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
+        available = soc - self.quantile * std - floor
         # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
         # minimum power uses is available, less the excess
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j

@@ -65,16 +65,15 @@ def _final_charge(evaluation: Evaluation, way: Homeward, flown_s: float = 0.0, f
     # from here on of the whole flight, the part up to here included: time, energy and their variances
     energy_j, seconds = flown_j + power_w * seconds, flown_s + seconds
     mean_w = energy_j / seconds if seconds > 0 else power_w
-    motion, losses = known.motion, float(evaluator.losses(known, seconds))
     totals = evaluation.totals._replace(
         seconds=np.array(seconds),
-        time_var_s2=np.array(seconds**2 * known.time.variance + known.time.noise_s * seconds),
-        energy_var_j2=np.array(seconds**2 * motion.var_level + motion.noise * seconds),  # t² var a + v t
+        time_var_s2=np.array(known.time.var_s2(seconds)),
+        energy_var_j2=np.array(known.motion.energy_var_j2(seconds, seconds, 0.0)),
         charge_var=np.array(then.var_soc),
         mean_w=np.array(mean_w),
         soc_per_j=evaluation.totals.soc_per_j[0],
     )
-    soc = then.soc - losses * LOSS
+    soc = then.soc - float(evaluator.losses(known, seconds)) * LOSS
     return NormalDist(soc, max(float(evaluator.charge_std(known, totals, soc)), MIN_STD))
 
 
@@ -107,8 +106,8 @@ def home_ending(evaluation: Evaluation) -> Ending | None:
         return None
     seconds, energy_j = way.seconds, way.seconds * way.power_w
     known, charge = evaluation.known, _final_charge(evaluation, way)
-    time_var = seconds**2 * known.time.variance + known.time.noise_s * seconds
-    energy_var = seconds**2 * known.motion.var_level + known.motion.noise * seconds + way.power_w**2 * time_var
+    time_var = known.time.var_s2(seconds)
+    energy_var = known.motion.energy_var_j2(seconds, seconds, 0.0) + way.power_w**2 * time_var
     return Ending(
         remaining_s=seconds,
         remaining_std_s=math.sqrt(time_var),

@@ -75,25 +75,36 @@ def value_w(pace_mps: float, motion: MotionKnown, computing_w: float) -> float:
 
 
 class SpeedChoice(NamedTuple):
-    """Times and energies of legs at the airspeeds that may be commanded, in the estimated wind.
+    """Times and energies of the legs of routes at the airspeeds that may be commanded, in the estimated wind.
 
     Attributes
     ----------
     speeds_mps : array, shape (speeds,)
         The greatest first.
+    legs : RouteArrays
+    stages : int
+        Of the plan.
     row_of : array of int, shape (legs,)
         Which of the rows below each leg has.
     seconds, joules : array, shape (speeds, rows)
         Of each row that is flown.
+    paces_mps, values_w : list of float
+        The paces that there are, and the value of a second at each, see `paces_of`.
     """
 
     speeds_mps: FloatArray
+    legs: RouteArrays
+    stages: int
     row_of: IntArray
     seconds: FloatArray
     joules: FloatArray
+    paces_mps: list[float]
+    values_w: list[float]
 
     @classmethod
-    def of(cls, known: Known, legs: RouteArrays, computing_w: FloatArray, speeds_mps: FloatArray) -> SpeedChoice:
+    def of(
+        cls, known: Known, legs: RouteArrays, computing_w: FloatArray, speeds_mps: FloatArray, stages: int
+    ) -> SpeedChoice:
         """The choice for the legs of routes, with the power of the computations on each [W], shape (legs,)."""
         rows, first, row_of = np.unique(legs.order, return_index=True, return_inverse=True)
         motion, wind, shape = known.motion, np.array([known.wind.mps]), (len(speeds_mps), len(rows))
@@ -101,12 +112,19 @@ class SpeedChoice(NamedTuple):
         times_s, turning_s = (each[0].reshape(shape) for each in times)
         level, flat, turn, own_w = (each[:, None] for each in terms_of(motion.airframe, speeds_mps))
         straight_w = level * motion.level_w + flat * motion.slope_w + own_w + computing_w[first]
-        return cls(speeds_mps, row_of, times_s, straight_w * times_s + motion.slope_w * turn * turning_s)
+        joules = straight_w * times_s + motion.slope_w * turn * turning_s
+        fastest_s = times_s[0, row_of]
+        paces_mps, values_w = paces_of(speeds_mps, motion, float(fastest_s @ computing_w / fastest_s.sum()))
+        return cls(speeds_mps, legs, stages, row_of, times_s, joules, paces_mps, values_w)
 
-    def airspeeds_mps(self, legs: RouteArrays, value_w: float, stages: int) -> FloatArray:
+    def at_pace(self, pace_mps: float) -> FloatArray:
+        """The airspeed of each stage on the routes at the pace that is the nearest to one, as `airspeeds_mps`."""
+        return self.airspeeds_mps(self.values_w[int(np.argmin(np.abs(np.array(self.paces_mps) - pace_mps)))])
+
+    def airspeeds_mps(self, value_w: float) -> FloatArray:
         """The airspeed of each stage on the routes, by the value of a second [W], shape (routes, stages) [m/s]."""
         seconds, joules = self.seconds[:, self.row_of], self.joules[:, self.row_of]
-        routes = len(legs.first)
+        legs, stages, routes = self.legs, self.stages, len(self.legs.first)
         of_stage = legs.place * stages + legs.stages - 1
         whole = [np.bincount(of_stage, e + value_w * t, routes * stages) for e, t in zip(joules, seconds, strict=True)]
         # a short stage, or one that is not flown, has the airspeed of the stage before it, its leader

@@ -135,12 +135,13 @@ class JointPlanner(Planner):
     """
 
     own_settings = JointSettings
+    own: JointSettings
     optimises_to_end = True
 
     def __init__(self, settings: PlannerSettings, mission: Mission, own: JointSettings | None = None) -> None:
-        super().__init__(settings, mission)
-        self._own = own = own or JointSettings()
-        self._places = Places(_evaluator(settings, mission, own), mission.parameters)
+        super().__init__(settings, mission, own or JointSettings())
+        own = self.own
+        self._places = Places(self._evaluator(settings), mission.parameters)
         self._program = ComputationProgram(self.report)
         self._policy = Policy(own.min_gain)
         self._next_s = WARM_UP_S + own.start_after_s
@@ -150,8 +151,7 @@ class JointPlanner(Planner):
         self._losses = 0  # of charge, as of the last re-planning
         self._stages_started = 1  # as of the last update
         self._next_reading_s = math.inf  # of the reading that decides whether the charge has jumped [s]
-        # charge to spare for the way home, None without a home; and when it sufficed last [s]
-        self._home: tuple[float | None, float] = (None, 0.0)
+        self._home_reached_s = 0.0  # when home could be reached last [s]
         self._by_stage = any(row.stages for row in own.trade_offs)
         # whether the airspeed is decided now; in a live flight where what is commanded is known to be flown
         self._paced = self._decides_airspeed and not mission.live
@@ -174,10 +174,17 @@ class JointPlanner(Planner):
         solution = planner._program.solve(plan.evaluation.adaptive)
         return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
 
+    def _evaluator(self, settings: PlannerSettings) -> Evaluator:
+        """The evaluator of routes with the objective that the settings state."""
+        own, total = self.own, self.own.objective == "total"
+        losses_per_s = own.loss_rate_per_h / 3600
+        objective = Objective(settings.reserve_soc, own.reserve_probability, losses_per_s, total, own.trade_offs)
+        return Evaluator(self.mission, settings, objective)
+
     @property
     def _decides_airspeed(self) -> bool:
         """Whether the settings and the aircraft leave the airspeed to be decided."""
-        return self._own.airspeed != "fixed" and self._mission.vehicle.airspeed_range_mps is not None
+        return self.own.airspeed != "fixed" and self.mission.vehicle.airspeed_range_mps is not None
 
     @property
     def _searchable(self) -> bool:
@@ -194,22 +201,22 @@ class JointPlanner(Planner):
         o = state.now
         if self._decision.returns_home:
             return self._decision
-        if self._mission.live and self._decides_airspeed:
+        if self.mission.live and self._decides_airspeed:
             self._paced = state.flies_commanded
         entered, self._stages_started = o.stages_started != self._stages_started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
         # a new stage counts where the path can change at it, where trade-offs differ by stage, and in a live flight
-        entered &= self._mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
+        entered &= self.mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
         jumped = state.losses > self._losses
-        self._next_reading_s = state.next_reading_s if state.is_ambiguous(o.soc) else math.inf
+        self._next_reading_s = state.jump_decided_s(o.soc)
         # a loss of charge is answered before `start_after_s`, too
-        starts_s = max(state.reached_s + WARM_UP_S, WARM_UP_S + (0.0 if jumped else self._own.start_after_s))
+        starts_s = max(state.reached_s + WARM_UP_S, WARM_UP_S + (0.0 if jumped else self.own.start_after_s))
         if o.time_s < starts_s - 1e-9:
             self._next_s = starts_s
         elif jumped or entered or due:
             self._losses = state.losses
-            interval_s = 0.0 if self._often else self._own.max_interval_s
-            self._next_s = max(next_multiple(o.time_s, self._settings.every_s), o.time_s + interval_s)
+            interval_s = 0.0 if self._often else self.own.max_interval_s
+            self._next_s = max(next_multiple(o.time_s, self.settings.every_s), o.time_s + interval_s)
             self._replan(o, state.known(o.time_s, o.position_m), JUMPED if jumped else NEW_STAGE if entered else TIME)
         return self._decision
 
@@ -218,14 +225,13 @@ class JointPlanner(Planner):
 
         A computation is held by an evaluator with one level of it, a path parameter by not being searched.
         """
-        rho, names = self._mission.plan.path_count, self._mission.plan.names
+        rho, names = self.mission.plan.path_count, self.mission.plan.names
         levels = {names[i]: (value,) for i, value in held.items() if i >= rho}
-        settings = replace(self._settings, levels={**self._settings.levels, **levels})
+        settings = replace(self.settings, levels={**self.settings.levels, **levels})
         chosen = tuple([held.get(i, value) for i, value in enumerate(self._decision.parameters)])
-        evaluator = _evaluator(settings, self._mission, self._own)
-        self._places = Places(evaluator, chosen, [i for i in held if i < rho])
+        self._places = Places(self._evaluator(settings), chosen, [i for i in held if i < rho])
         self._decision = self._decision._replace(parameters=chosen)
-        self._next_s, self._searched = WARM_UP_S + self._own.start_after_s, None
+        self._next_s, self._searched = WARM_UP_S + self.own.start_after_s, None
 
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
         """Forecast the plan in force, search the path where it is to be searched, and decide."""
@@ -304,7 +310,7 @@ class JointPlanner(Planner):
             return None
         filling, spare = evaluation.filled(), np.round(evaluation.knapsack.spare, 11)
         pace_mps = thriftiest_mps = paces[int(np.argmax(spare))]
-        if self._own.airspeed == "least-energy":
+        if self.own.airspeed == "least-energy":
             pace_mps = paces[-1]
         elif not filling.feasible.any() or in_reach > filling.value[filling.feasible].max() + self._policy.path_gain:
             self._policy.awaits_s = known.time_s + SETTLED_S
@@ -375,7 +381,7 @@ class JointPlanner(Planner):
 
         The next update is at the latest when these computations are to change.
         """
-        rho, before = self._mission.plan.path_count, self._decision.parameters
+        rho, before = self.mission.plan.path_count, self._decision.parameters
         chosen = self._places.parameters(plan.shares)
         if self._is_free(o):
             choice = self._computations(o, plan)
@@ -392,14 +398,14 @@ class JointPlanner(Planner):
         before, evaluator = self._decision.parameters, plan.evaluation.evaluator
         now_w = self._power_w(plan.evaluation, before)
         computations, lasts_s = self._policy.computations(o.time_s, now_w, plan.evaluation, plan.solution)
-        after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
+        after_w = self._power_w(plan.evaluation, (*before[: self.mission.plan.path_count], *computations))
         # no fall where the stage, by its trade-offs, allows no more power
         max_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]
         return ComputationChoice(computations, lasts_s, after_w < min(now_w, max_w) - 1e-9)
 
     def _is_free(self, o: Observation) -> bool:
         """Whether the stage leaves the computations a choice."""
-        return any(not box.fixed for box in o.cursor.stage.sets[self._mission.plan.path_count :])
+        return any(not box.fixed for box in o.cursor.stage.sets[self.mission.plan.path_count :])
 
     def _decide(
         self, o: Observation, known: Known, cause: str, plan: Candidate, chosen: Vector, calls: int, *, searched: bool
@@ -419,14 +425,13 @@ class JointPlanner(Planner):
             reason += f"; {BY_FALLBACK}closed form: OSQP failed"
         if not known.charge.believed:
             reason += GAUGE_DISBELIEVED
-        returns_home = self._update_home(o.time_s, plan)
         ending = plan.evaluation.forecast(solution.filling)
-        home = self._home_record(o.time_s, plan, ending, returns_home=returns_home)
+        returns_home, home = self._way_home(o.time_s, plan, ending)
         if returns_home:
             reason = TURNS_BACK + reason
         elif home.home_by_s is not None and home.point_of_no_return_s is not None and not solution.feasible:
             reason += f"; home can wait {home.point_of_no_return_s - o.time_s:.0f} s"
-        b, total = self._mission.battery, self._places.evaluator.objective.total
+        b, total = self.mission.battery, self._places.evaluator.objective.total
         floor = max(plan.evaluation.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
         available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         record = DecisionRecord(
@@ -454,62 +459,58 @@ class JointPlanner(Planner):
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
         """Power of the computations among `parameters`, clipped to the sets of the stage being flown [W]."""
         route = evaluation.routes[0]
-        boxes, rho = route.of_legs[0].sets, self._mission.plan.path_count
+        boxes, rho = route.of_legs[0].sets, self.mission.plan.path_count
         own = (*route.parameters[0][:rho], *parameters[rho:])
         clipped = tuple(box.clip(value) for box, value in zip(boxes, own, strict=True))
-        return self._mission.computing.power_w(clipped, boxes)
+        return self.mission.computing.power_w(clipped, boxes)
 
-    def _update_home(self, time_s: float, plan: Candidate) -> bool:
-        """Update the charge to spare for the way home; return whether to turn back now.
+    def _way_home(self, time_s: float, plan: Candidate, ending: Ending) -> tuple[bool, HomeRecord]:
+        """Whether to turn back now, and the way home; in a live flight that goes on, with the latest turn back.
 
         It is time where the plan is infeasible, the way home is short of less charge than the plan, if of any, and home
         may be out of reach by the next re-planning.
         """
-        (_, reached_s), spare = self._home, home_spare(plan.evaluation)
-        self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
-        way_home = self._mission.way_home
-        if spare is None or way_home is None or not way_home.turns_back or plan.solution.feasible:
-            return False
-        less_short = spare > -plan.evaluation.shortfall
-        return less_short and spare < can_fall(plan.evaluation, self._next_s - time_s)
-
-    def _home_record(self, time_s: float, plan: Candidate, ending: Ending, *, returns_home: bool) -> HomeRecord:
-        """The way home; in a live flight that goes on, with the latest turn back."""
-        spare, reached_s = self._home
-        reachable = None if spare is None else spare >= 0
+        spare, way_home = home_spare(plan.evaluation), self.mission.way_home
+        if spare is None or way_home is None:
+            return False, HomeRecord()
+        if spare >= 0:
+            self._home_reached_s = time_s
+        turns_back = way_home.turns_back and not plan.solution.feasible and spare > -plan.evaluation.shortfall
+        turns_back = turns_back and spare < can_fall(plan.evaluation, self._next_s - time_s)
         waits = None
-        if self._mission.live and not returns_home:
+        if self.mission.live and not turns_back:
             waits = latest_turn_back(plan.evaluation, plan.solution.filling)
         if waits is None:
-            return HomeRecord(reachable, reached_s if reachable is False else None)
+            return turns_back, HomeRecord(spare >= 0, None if spare >= 0 else self._home_reached_s)
         to_end = waits.share >= 1 - ROUNDING
-        return HomeRecord(reachable, waits.time_s, time_s + (ending.remaining_s or 0.0) if to_end else waits.home_s)
+        home_by_s = time_s + (ending.remaining_s or 0.0) if to_end else waits.home_s
+        return turns_back, HomeRecord(spare >= 0, waits.time_s, home_by_s)
 
     # --- records
 
     def _reason(self, known: Known, plan: Candidate, chosen: Vector, *, searched: bool) -> str:
         """The decision and its reason, in words: what an infeasible plan lacks, else what changes, else "kept"."""
-        evaluation, battery = plan.evaluation, self._mission.battery
+        evaluation, battery = plan.evaluation, self.mission.battery
         if not plan.solution.feasible:
-            since = f"{SHORT} since {self._mission.clock_s + (self._infeasible_since_s or 0.0):.1f} s: "
+            since = f"{SHORT} since {self.mission.clock_s + (self._infeasible_since_s or 0.0):.1f} s: "
             beyond_w = float(evaluation.limits.beyond_w[0])
             min_w = evaluation.evaluator.envelopes[int(evaluation.kinds[0])].powers_w[0]
             lowest = self._power_w(evaluation, chosen) <= min_w + 1e-9
             flown = f"; computations {'at their lowest' if lowest else 'as before'}"
-            flown = flown if self._mission.plan.path_count < len(chosen) else ""
+            flown = flown if self.mission.plan.path_count < len(chosen) else ""
             if beyond_w > 0:
                 return f"{since}{beyond_w:.1f} W more than the battery can deliver on the way{flown}"
             short = evaluation.shortfall
             short_wh = short * battery.capacity_ah * battery.voltage_at(max(known.soc, 0.0))
             own = plan.evaluation.reserve_soc
-            turns = f"; the autopilot turns back below {100 * own:.1f} %" if own > self._settings.reserve_soc else ""
+            turns = f"; the autopilot turns back below {100 * own:.1f} %" if own > self.settings.reserve_soc else ""
             return f"{since}by {100 * short:.2f} % of the charge, {short_wh:.2f} Wh{flown}{turns}"
         moved = [
             f"{item.label} {item.text(old)} → {item.text(new)}"
-            for item, old, new in zip(self._mission.plan.parameters, self._decision.parameters, chosen, strict=True)
+            for item, old, new in zip(self.mission.plan.parameters, self._decision.parameters, chosen, strict=True)
             if old != new
         ]
-        if plan.pace_mps is not None and plan.pace_mps != (self._places.pace_mps or self._mission.cruise_mps):
+        if plan.pace_mps is not None and plan.pace_mps != (self._places.pace_mps or self.mission.cruise_mps):
             moved.append(self._airspeed_text(known, plan.airspeeds_mps))
         if moved:
             return ", ".join(moved)
@@ -519,7 +520,7 @@ class JointPlanner(Planner):
         """The change of the airspeed on the stage being flown; where that stays, of the fastest and slowest stage."""
         stage, before = known.cursor.stage.index - 1, self._places.airspeeds_mps
         old, new = (
-            f"{speed:.3g}" for speed in (before[stage] if before else self._mission.cruise_mps, airspeeds_mps[stage])
+            f"{speed:.3g}" for speed in (before[stage] if before else self.mission.cruise_mps, airspeeds_mps[stage])
         )
         if old != new:
             return f"airspeed {old} → {new} m/s"
@@ -527,14 +528,14 @@ class JointPlanner(Planner):
 
     def _battery_limit(self, known: Known, plan: Candidate) -> str | None:
         """The battery's limit of power that costs computations, or makes the plan infeasible; None where none does."""
-        b, limits, std = self._mission.battery, plan.evaluation.limits, float(plan.evaluation.std[0])
+        b, limits, std = self.mission.battery, plan.evaluation.limits, float(plan.evaluation.std[0])
         # 1. minimum power exceeds what can be delivered
         if limits.beyond_w[0] > 0:
             return b.limit_at(b.voltage_at(known.soc))
         # 2. all charge is used but for what a limit requires above the reserve
         if (
             plan.evaluation.left_over(plan.solution.filling) <= BETTER * std
-            and limits.min_soc[0] > self._settings.reserve_soc + ROUNDING
+            and limits.min_soc[0] > self.settings.reserve_soc + ROUNDING
         ):
             by_letter = limits.letter_soc[0] >= limits.delivered_soc[0]
             return LETTER if by_letter else b.limit_at(b.voltage_at(float(limits.delivered_soc[0])))
@@ -547,18 +548,3 @@ class JointPlanner(Planner):
             return None
         first = int(limited[0])
         return LETTER if limits.by_letter[first] else b.limit_at(float(limits.volts[first]))
-
-
-def _evaluator(settings: PlannerSettings, mission: Mission, own: JointSettings) -> Evaluator:
-    """The evaluator of routes with the objective that the settings state."""
-    return Evaluator(
-        mission,
-        settings,
-        Objective(
-            settings.reserve_soc,
-            own.reserve_probability,
-            own.loss_rate_per_h / 3600,
-            own.objective == "total",
-            own.trade_offs,
-        ),
-    )

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from typing import Any
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.route import Route, RouteArrays, RoutePredictor
+from eadp.models.plan.route import Route, RoutePredictor
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator
 from eadp.planning.forecast.speed_to_fly import SpeedChoice
 from eadp.planning.joint.program import Solution
@@ -188,7 +187,7 @@ class Places:
         self.pace_mps: float | None = None
         self.thriftiest_mps: float | None = None
         self.airspeeds_mps: Vector = ()
-        self._choice: tuple[Any, ...] = (None, None)  # of a moment and a route, see `_speed_choice`
+        self._choice: tuple[Known, Route, SpeedChoice] | None = None  # of a moment and a route, see `_speed_choice`
         self._predictor = RoutePredictor()
         self._routes: dict[Shares, Route | None] = {}
         self._airspeeds: dict[tuple[tuple[Shares, ...], float], FloatArray] = {}  # see `_airspeeds_mps`
@@ -255,11 +254,7 @@ class Places:
         key = tuple(shares for shares, _ in routes), pace_mps
         if key in self._airspeeds:
             return self._airspeeds[key]
-        alone = [route for _, route in routes]
-        choice, paces, values_w = self._speed_choice(known, alone)
-        value_w = values_w[int(np.argmin(np.abs(np.array(paces) - pace_mps)))]
-        stages = len(self.evaluator.mission.plan.stages)
-        found = choice.airspeeds_mps(RouteArrays.of(alone), value_w, stages)
+        found = self._speed_choice(known, [route for _, route in routes]).at_pace(pace_mps)
         if pace_mps == self.pace_mps and self.airspeeds_mps:
             kept = np.array(self.airspeeds_mps)
             found = np.where(np.abs(found - kept) < LEAST_CHANGE_MPS, kept, found)
@@ -267,23 +262,21 @@ class Places:
             self._airspeeds[key] = found
         return found
 
-    def _speed_choice(self, known: Known, routes: list[Route]) -> tuple[SpeedChoice, list[float], list[float]]:
+    def _speed_choice(self, known: Known, routes: list[Route]) -> SpeedChoice:
         """As `Evaluator.speed_choice`; that of one route is kept for a re-planning."""
         if len(routes) > 1:
             return self.evaluator.speed_choice(known, routes)
-        if self._choice[0] is not known or self._choice[1] is not routes[0]:
+        if self._choice is None or self._choice[0] is not known or self._choice[1] is not routes[0]:
             self._choice = known, routes[0], self.evaluator.speed_choice(known, routes)
-        kept: tuple[SpeedChoice, list[float], list[float]] = self._choice[2]
-        return kept
+        return self._choice[2]
 
     def paces(self, known: Known, shares: Shares) -> tuple[list[float], Evaluation | None]:
         """The paces that there are at a place, the fastest first [m/s], and their evaluation; None if none is flown."""
         route = self.route(known, shares)
         if route is None:
             return [], None
-        choice, paces, values_w = self._speed_choice(known, [route])
-        legs, stages = RouteArrays.of([route]), len(self.evaluator.mission.plan.stages)
-        airspeeds_mps = np.concatenate([choice.airspeeds_mps(legs, value_w, stages) for value_w in values_w])
+        choice = self._speed_choice(known, [route])
+        paces, airspeeds_mps = choice.paces_mps, np.concatenate([*map(choice.airspeeds_mps, choice.values_w)])
         try:
             evaluation = self.evaluator.evaluate(known, [route] * len(paces), airspeeds_mps)
         except PathUndefined:

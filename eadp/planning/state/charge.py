@@ -252,19 +252,9 @@ class ChargeFilter:
         return self._now.soc
 
     @property
-    def losses(self) -> int:
-        """Sudden losses so far."""
-        return self._state.belief.losses
-
-    @property
-    def believed(self) -> bool:
-        """Whether the gauge is believed."""
-        return self._state.belief.believed
-
-    @property
-    def rises(self) -> bool:
-        """Whether the gauge rose where it was disbelieved."""
-        return self._state.belief.rises
+    def belief(self) -> Belief:
+        """Whether the gauge is believed, and the charge lost."""
+        return self._state.belief
 
     @property
     def ahead(self) -> Charge:

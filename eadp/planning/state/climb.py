@@ -61,18 +61,12 @@ class ClimbFollower:
     ----------
     climb : Climb
         Now.
-    power_w : float
-        What climbing added to the motion's power over the last step [W]; negative in a descent.
-    level_mps : float
-        The airspeed's horizontal part over the last step [m/s].
     slowed_s : float
         By how much climbing has delayed the flight in this stage, without wind [s].
     """
 
     def __init__(self, climb: Climb) -> None:
-        self.climb = climb
-        self.power_w = self.slowed_s = 0.0
-        self.level_mps = climb.airframe.airspeed_mps
+        self.climb, self.slowed_s = climb, 0.0
 
     @classmethod
     def of(cls, mission: Mission) -> ClimbFollower | None:
@@ -88,8 +82,11 @@ class ClimbFollower:
             take_off_j_per_m = (vehicle.max_motion_w - vehicle.cruise_power_w) / rate_mps
         return cls(Climb(vehicle, mission.altitude_m, take_off_j_per_m))
 
-    def follow(self, stage: Stage, airspeed_mps: float, step_s: float) -> None:
-        """Update the altitude, and what climbing does to power and speed, by a step [s] along a stage."""
+    def follow(self, stage: Stage, airspeed_mps: float, step_s: float) -> tuple[float, float]:
+        """Update the altitude by a step [s] along a stage, and return what climbing does in it.
+
+        What it adds to the motion's power [W], negative in a descent, and the airspeed's horizontal part [m/s].
+        """
         airframe, here_m, take_off_j_per_m = self.climb
         up_mps, down_mps = self.climb.rates_mps(airspeed_mps)
         # ḣ = k (h_d − h) over the step: Δh = (1 − e^(−k Δt)) (h_d − h), within the greatest rates
@@ -98,6 +95,6 @@ class ClimbFollower:
         self.climb = Climb(airframe, here_m + climb_m, take_off_j_per_m)
         rate_mps = climb_m / step_s if step_s > 0 else 0.0
         # the horizontal part V cos γ, with sin γ = ḣ/V; and the delay by flying at it and not at V
-        self.level_mps = math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
-        self.slowed_s += step_s * (1 - self.level_mps / airspeed_mps)
-        self.power_w = airframe.climb_j_per_m * rate_mps
+        level_mps = math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
+        self.slowed_s += step_s * (1 - level_mps / airspeed_mps)
+        return airframe.climb_j_per_m * rate_mps, level_mps

@@ -77,7 +77,7 @@ class FlightState:
         self._place = _Place(mission)
         self._ground = GroundLog(mission.plan, weights or {})
         self._wind = FlightWind(mission.gust_time_s)
-        self._times = TimeRatio()
+        self._times = TimeRatio(mission.cruise_mps, mission.gust_time_s)
         # the motion's power before it is learned: of a model fitted to a log, else as stated
         vehicle = mission.vehicle
         level_w, level_share = vehicle.cruise_power_w, vehicle.power_std_share
@@ -131,7 +131,7 @@ class FlightState:
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
         """Before take-off: take the wind of the weather forecast, and the standard deviation of its gusts [m/s]."""
         self._wind.forecast(wind_mps)
-        self._times.expect(gust_std_mps, self._mission.cruise_mps, self._mission.gust_time_s)
+        self._times.expect(gust_std_mps)
 
     def _process(self) -> None:
         """Pass what waits through the filters, in its order; called before any of them is asked.
@@ -181,7 +181,7 @@ class FlightState:
         The time flown on the ended leg, beside its forecast, shows how long legs take, if the leg was flown whole and
         as planned. The first leg of a flight may be joined anywhere, so that it shows nothing.
         """
-        place, cruise_mps, gust_time_s = self._place, self._mission.cruise_mps, self._mission.gust_time_s
+        place, cruise_mps = self._place, self._mission.cruise_mps
         slowed_s = 0.0  # by climbing, on the leg that ended
         if self._climb is not None:
             slowed_s, self._climb.slowed_s = self._climb.slowed_s, 0.0
@@ -190,11 +190,11 @@ class FlightState:
             # an autopilot whose line is changed during a turn leaves the turn elsewhere, up to a whole turn later
             diverted = place.flies_mission and o.cursor.waiting[:rho] != place.cursor.waiting[:rho]
             if stages_before > 1 and not place.through_gap and not diverted:
-                times_s, _ = place.route.times_s(place.cursor.airspeed_mps or cruise_mps, self.wind_mps)
+                times_s, _ = place.route.times_s(self._commanded_mps, self.wind_mps)
                 excess = self._mission.excess.get(place.cursor.stage.index)
                 forecast_s = float(times_s[0]) + (0.0 if excess is None else excess.seconds)
                 flown_s = o.time_s - place.since_s - slowed_s
-                self._times.learn(forecast_s, flown_s, self._wind.gust_std_mps, cruise_mps, gust_time_s)
+                self._times.learn(forecast_s, flown_s, self._wind.gust_std_mps)
             # windows of the motion's power lie within one leg, of one bank
             self._motion.end_window(place.slope)
         place.start(o)
@@ -225,7 +225,8 @@ class FlightState:
         if self._last_s is not None and not steps_s.any():
             return
         self._last_s = float(times_s[-1])
-        powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
+        read_w = _numbers(readings.powers_w)
+        powers_w = self._gate.ingest(times_s, read_w, self._place.computing_w, on_plan=on_plan)
         if on_plan and self._climb is not None:  # the take-off is over
             self._climb.climb = self._climb.climb._replace(take_off_j_per_m=0.0)
         # measured airspeeds; the commanded airspeed where none is measured, or the one measured cannot be true
@@ -270,11 +271,8 @@ class FlightState:
         """
         if self._climb is None:
             return np.zeros(len(steps_s)), airspeeds_mps
-        of_steps = []
-        for step_s, airspeed_mps in zip(steps_s.tolist(), airspeeds_mps.tolist(), strict=True):
-            self._climb.follow(self._place.cursor.stage, airspeed_mps, step_s)
-            of_steps.append((self._climb.power_w, self._climb.level_mps))
-        added_w, level_mps = np.array(of_steps).T
+        steps, stage = zip(airspeeds_mps.tolist(), steps_s.tolist(), strict=True), self._place.cursor.stage
+        added_w, level_mps = np.array([self._climb.follow(stage, *step) for step in steps]).T
         return added_w, level_mps
 
     def _take_altitude(self, o: Observation | None, seconds: float) -> float | None:
@@ -308,11 +306,6 @@ class FlightState:
         return self._queue.every_s
 
     @property
-    def next_reading_s(self) -> float:
-        """From when the next reading may be taken [s]."""
-        return self._queue.next_reading_s
-
-    @property
     def wind_mps(self) -> Point:
         """The wind to plan with [m/s]: measured, else estimated."""
         self._process()
@@ -328,12 +321,12 @@ class FlightState:
     def losses(self) -> int:
         """Sudden losses of charge so far."""
         self._process()
-        return self._charge.losses
+        return self._charge.belief.losses
 
-    def is_ambiguous(self, soc: float) -> bool:
-        """Whether the charge, `soc` now, may have jumped: the next reading decides."""
+    def jump_decided_s(self, soc: float) -> float:
+        """When the next reading may decide whether the charge, `soc` now, has jumped [s]; infinite without doubt."""
         self._process()
-        return self._charge.is_ambiguous(soc)
+        return self._queue.next_reading_s if self._charge.is_ambiguous(soc) else math.inf
 
     @property
     def flies_commanded(self) -> bool:
@@ -345,10 +338,11 @@ class FlightState:
     def warnings(self) -> tuple[str, ...]:
         """Codes of what is wrong with the readings."""
         self._process()
+        gauge = self._charge.belief
         applies = {
-            GAUGE_STUCK: not self._charge.believed and not self._charge.rises,
-            GAUGE_RISES: not self._charge.believed and self._charge.rises,
-            POWER_OUTLIER: self._gate.rejects,
+            GAUGE_STUCK: not gauge.believed and not gauge.rises,
+            GAUGE_RISES: not gauge.believed and gauge.rises,
+            POWER_OUTLIER: self._gate.state.rejects,
             HEADING_DISBELIEVED: self._wind.headings.disbelieved,
             CELL_LOST: self._voltage.lost > 0,
         }
@@ -366,14 +360,14 @@ class FlightState:
             joined=Joined(place.joined_m, place.since_s, self._queue.stages_started, place.rejoins_at_start),
             wind=self._wind.known,
             time=TimeKnown(times.ratio, times.variance, times.noise_s),
-            motion=self._motion.known(min(self._gate.max_motion_w, self._mission.vehicle.max_motion_w)),
+            motion=self._motion.known(min(self._gate.state.max_motion_w, self._mission.vehicle.max_motion_w)),
             charge=ChargeKnown(
                 filtered=self._charge.ahead,
                 gain_std=gain_std,
                 gain_from=gain_from,
-                believed=self._charge.believed,
+                believed=self._charge.belief.believed,
                 lost_std=self._voltage.lost_std,
-                losses=self._charge.losses,
+                losses=self._charge.belief.losses,
             ),
             # an autopilot's mission ends where it is laid out to
             margin_m=0.0 if place.flies_mission else MARGIN_M,
@@ -495,12 +489,9 @@ def _with_reading(before: Readings | None, sample: Sample) -> Readings:
     """Readings with a sample as one more; as they are where the sample is no later than the last of them."""
     # a measured wind is not estimated from the velocity, too
     vx, vy = (None, None) if sample.velocity_mps is None or sample.wind_mps is not None else sample.velocity_mps
-    x, y = sample.position_m or (None, None)
     one = Readings(
         times_s=_numbers([sample.time_s]),
-        x_m=_numbers([x]),
-        y_m=_numbers([y]),
-        powers_w=[sample.power_w],  # None, no power, is not the same as a power that is not a number
+        powers_w=_numbers([sample.power_w]),
         charges=_numbers([sample.soc]),
         vx_mps=_numbers([vx]),
         vy_mps=_numbers([vy]),

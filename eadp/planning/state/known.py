@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,11 +27,16 @@ class WindKnown(NamedTuple):
 
 
 class TimeKnown(NamedTuple):
-    """Ratio of flown to forecast times of legs; a time t has the variance t² · `variance` + `noise_s` · t."""
+    """Ratio of flown to forecast times of legs, its variance, and the variance of a leg's time per second of it."""
 
     ratio: float
     variance: float
     noise_s: float
+
+    def var_s2(self, seconds: Any, wind_var: Any = 0.0) -> Any:
+        """Variance of times, numbers or arrays; `wind_var` is that of their logarithm due to the wind."""
+        # var t = t² (var ratio + var log t) + noise t
+        return seconds**2 * (self.variance + wind_var) + self.noise_s * seconds
 
 
 class MotionKnown(NamedTuple):
@@ -65,6 +70,12 @@ class MotionKnown(NamedTuple):
     climb_j_per_m: float
     airframe: Airframe
     in_doubt: bool = False
+
+    def energy_var_j2(self, seconds: Any, level_s: Any, bank_s: Any) -> Any:
+        """Variance of energies over times, numbers or arrays, with derivatives `level_s` by a and `bank_s` by b."""
+        # var E = (∂E/∂a, ∂E/∂b) P (∂E/∂a, ∂E/∂b)ᵀ + v t, with P the covariance of a and b
+        by_level = level_s**2 * self.var_level + 2 * level_s * bank_s * self.cov_level_slope
+        return by_level + bank_s**2 * self.var_slope + self.noise * seconds
 
     def straight_w(self, airspeed_mps: float) -> float:
         """Power of straight level flight at an airspeed [W]."""
@@ -193,6 +204,11 @@ class TimeRatio:
     that is flown much later or sooner than forecast, as in an evasion, does not speak of others: its residual is
     limited.
 
+    Parameters
+    ----------
+    airspeed_mps, gust_time_s : float
+        Airspeed [m/s] and correlation time of gusts [s], for the prior noise.
+
     Attributes
     ----------
     ratio : float
@@ -203,28 +219,18 @@ class TimeRatio:
     Source: Bayesian linear regression with a normal prior; Huber 1981 for the limit, with his proposal 2 for the scale.
     """
 
-    def __init__(self) -> None:
-        self.noise_s = TIME_NOISE_S
-        self.ratio = 1.0
+    def __init__(self, airspeed_mps: float, gust_time_s: float) -> None:
+        self._airspeed_mps, self._gust_time_s = airspeed_mps, gust_time_s
+        self.ratio, self.noise_s = 1.0, TIME_NOISE_S
         self._forecast_s = 0.0  # Σ forecast over the legs flown, outliers by their weight
         self._legs: list[tuple[float, float]] = []
 
-    def learn(
-        self, forecast_s: float, flown_s: float, gust_std_mps: float, airspeed_mps: float, gust_time_s: float
-    ) -> None:
-        """Update with a flown leg.
-
-        Parameters
-        ----------
-        forecast_s, flown_s : float
-            Its forecast and its flown time [s].
-        gust_std_mps, airspeed_mps, gust_time_s : float
-            Standard deviation of the gusts, airspeed [m/s] and correlation time of the gusts [s], for the prior noise.
-        """
+    def learn(self, forecast_s: float, flown_s: float, gust_std_mps: float) -> None:
+        """Update with a flown leg: its forecast and its flown time [s], in gusts of a standard deviation [m/s]."""
         if not (forecast_s > 0 and math.isfinite(forecast_s)):
             return
         self._legs.append((forecast_s, flown_s))
-        prior_noise_s = _expected_noise_s(gust_std_mps, airspeed_mps, gust_time_s)
+        prior_noise_s = self._expected_noise_s(gust_std_mps)
         noise_s, beta = max(self.noise_s, prior_noise_s), self.ratio - 1.0
         expected_s, flown = np.array(self._legs).T
         for _ in range(PASSES):
@@ -239,17 +245,16 @@ class TimeRatio:
             beta = float(weights @ (flown - expected_s)) / (self._forecast_s + noise_s / RATIO_STD**2)
         self.ratio, self.noise_s = 1.0 + beta, noise_s
 
-    def expect(self, gust_std_mps: float, airspeed_mps: float, gust_time_s: float) -> None:
-        """Set the prior noise from forecast gusts, before any leg is flown."""
-        self.noise_s = _expected_noise_s(gust_std_mps, airspeed_mps, gust_time_s)
+    def expect(self, gust_std_mps: float) -> None:
+        """Set the prior noise from forecast gusts [m/s], before any leg is flown."""
+        self.noise_s = self._expected_noise_s(gust_std_mps)
 
     @property
     def variance(self) -> float:
         """Variance of the ratio, of its posterior: σ² / (Σ forecast + σ²/σ_β²)."""
         return self.noise_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
 
-
-def _expected_noise_s(gust_std_mps: float, airspeed_mps: float, gust_time_s: float) -> float:
-    """Prior variance of a leg's time per second of it, in gusts of a standard deviation and correlation time [s²/s]."""
-    # a gust of σ and correlation time τ moves an aircraft by √(2 τ t) σ metres in t seconds
-    return TIME_NOISE_S + 2 * gust_time_s * (gust_std_mps / airspeed_mps) ** 2
+    def _expected_noise_s(self, gust_std_mps: float) -> float:
+        """Prior variance of a leg's time per second of it, in gusts of a standard deviation [s²/s]."""
+        # a gust of σ and correlation time τ moves an aircraft by √(2 τ t) σ metres in t seconds
+        return TIME_NOISE_S + 2 * self._gust_time_s * (gust_std_mps / self._airspeed_mps) ** 2

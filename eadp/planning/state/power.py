@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import MutableSequence, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import Column, FloatArray, columns
-from eadp.core.compiled import enabled, jitted
+from eadp.core.compiled import jitted
 from eadp.planning.base import Mission
 
 MAX_RATIO, PERSISTENT_S = 5.0, 5.0
@@ -26,13 +25,6 @@ def max_reading_w(mission: Mission) -> float:
     """What motor and battery can deliver [W]: a reading above it is none."""
     battery = mission.battery
     return min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.vehicle.max_motion_w)
-
-
-class PowerBounds(NamedTuple):
-    """Power before the first reading, and power that cannot be exceeded [W]."""
-
-    usual_w: float
-    limit_w: float
 
 
 class GateState(NamedTuple):
@@ -69,61 +61,37 @@ class PowerGate:
         Power before the first reading [W].
     limit_w : float
         Power that the battery and the motor cannot exceed [W]; may be infinite.
+
+    Attributes
+    ----------
+    state : GateState
     """
 
     def __init__(self, mean_w: float, limit_w: float) -> None:
-        self._bounds = PowerBounds(mean_w, limit_w)
-        self._state = GateState(mean_w, 0.0, 0.0, 0.0, math.nan, False)
-
-    @property
-    def max_motion_w(self) -> float:
-        """Greatest power of the motion that two successive readings have reached [W]."""
-        return self._state.max_motion_w
-
-    @property
-    def rejects(self) -> bool:
-        """Whether the last reading was false."""
-        return self._state.rejects
+        self._usual_w, self._limit_w = mean_w, limit_w
+        self.state = GateState(mean_w, 0.0, 0.0, 0.0, math.nan, False)
 
     def ingest(
-        self,
-        times_s: Column,
-        powers_w: Sequence[float | None] | FloatArray,
-        computing_w: float,
-        *,
-        on_plan: bool = True,
-    ) -> list[float] | FloatArray:
-        """Judge readings in order; return them, NaN where one is false or missing.
+        self, times_s: FloatArray, powers_w: FloatArray, computing_w: float, *, on_plan: bool = True
+    ) -> FloatArray:
+        """Judge readings in order; return them, NaN where one is false or missing, shape (n,).
 
         Parameters
         ----------
-        times_s : sequence of float or array, shape (n,)
-            Times of the readings [s].
-        powers_w : sequence of (float or None) or array, shape (n,)
-            Readings [W]; None where there is none. A reading that is not a number is false.
+        times_s, powers_w : array, shape (n,)
+            Times of the readings [s], and the readings [W], NaN for none.
         computing_w : float
             The computations' part of each [W].
         on_plan : bool
             Whether the aircraft flies its plan: a take-off has a power of its own, which says nothing of later ones.
-
-        Returns
-        -------
-        list of float, or array, shape (n,)
-            An array in compiled code.
         """
-        values: Any = powers_w
-        if not isinstance(values, np.ndarray):
-            values = [math.nan if power_w is None else power_w for power_w in powers_w]
         if not on_plan:
-            self._state = self._state._replace(rejects=False)
-            return [power_w if 0.0 <= power_w <= self._bounds.limit_w else math.nan for power_w in values]
-        passed: list[float] | FloatArray = np.empty(len(values)) if enabled() else [math.nan] * len(values)
+            self.state = self.state._replace(rejects=False)
+            return np.where((powers_w >= 0.0) & (powers_w <= self._limit_w), powers_w, math.nan)
+        passed_w, (times, powers) = np.empty(len(powers_w)), columns(times_s, powers_w)
         ingested = jitted(_ingested)
-        times_s, values = columns(times_s, values)
-        self._state = ingested(self._state, self._bounds, times_s, values, computing_w, passed)
-        if powers_w[-1] is None:  # no reading is no false one
-            self._state = self._state._replace(rejects=False)
-        return passed
+        self.state = ingested(self.state, self._usual_w, self._limit_w, times, powers, computing_w, passed_w)
+        return passed_w
 
 
 # The functions below may be compiled, see `eadp.core.compiled`.
@@ -131,27 +99,28 @@ class PowerGate:
 
 def _ingested(
     state: GateState,
-    bounds: PowerBounds,
+    usual_w: float,
+    limit_w: float,
     times_s: Column,
     powers_w: Column,
     computing_w: float,
-    passed_w: MutableSequence[float] | FloatArray,
+    passed_w: FloatArray,
 ) -> GateState:
     """The state after readings, of which those that pass are written to `passed_w`; see `PowerGate.ingest`."""
     for i in range(len(powers_w)):
-        state = _with_reading(state, bounds, times_s[i], powers_w[i], computing_w)
+        state = _with_reading(state, usual_w, limit_w, times_s[i], powers_w[i], computing_w)
         passed_w[i] = math.nan if state.rejects else powers_w[i]
     return state
 
 
 def _with_reading(
-    state: GateState, bounds: PowerBounds, time_s: float, power_w: float, computing_w: float
+    state: GateState, usual_w: float, limit_w: float, time_s: float, power_w: float, computing_w: float
 ) -> GateState:
-    """The state after a reading; its `rejects` says whether that is false."""
+    """The state after a reading; its `rejects` says whether that is false. A missing one, NaN, is not."""
     mean_w, read_s, last_w, max_motion_w, since_s, _ = state
-    if not 0.0 <= power_w <= bounds.limit_w:  # NaN included
-        return GateState(mean_w, read_s, last_w, max_motion_w, since_s, rejects=True)
-    if power_w > MAX_RATIO * max(mean_w, bounds.usual_w):  # false, until it has persisted: the mean is another then
+    if not 0.0 <= power_w <= limit_w:
+        return GateState(mean_w, read_s, last_w, max_motion_w, since_s, rejects=not math.isnan(power_w))
+    if power_w > MAX_RATIO * max(mean_w, usual_w):  # false, until it has persisted: the mean is another then
         if math.isnan(since_s):
             since_s = time_s
         if time_s - since_s < PERSISTENT_S:

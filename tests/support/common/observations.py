@@ -33,7 +33,7 @@ class Piloted(PlannedFlight):
     """A planner with the state of its flight; what is asked of it beside is asked of the planner."""
 
     def __init__(self, planner):
-        mission, settings = planner._mission, planner._settings
+        mission, settings = planner.mission, planner.settings
         power = PowerTracker(settings.estimator, mission)
         state = FlightState(mission, settings.weights, settings.estimator.every_s)
         super().__init__(planner, state, mission.parameters, power)

@@ -48,9 +48,9 @@ class Following(Planner):
         if self._moments_s and o.time_s >= self._moments_s[0]:
             self._moments_s.pop(0)
             known = state.known(o.time_s, o.position_m)
-            found = self.held.evaluation(known, self._mission.parameters)
+            found = self.held.evaluation(known, self.mission.parameters)
             forecast = found.forecast(found.filled())
-            assert forecast == self.held.at(known, self._mission.parameters)
+            assert forecast == self.held.at(known, self.mission.parameters)
             stages = np.bincount(found.routes[0].stages, found.load.times_s)
             of_stages = {i: float(seconds) for i, seconds in enumerate(stages.tolist()) if i}
             self.evaluated.append(Evaluated(o.time_s, forecast, known.wind.mps, of_stages))

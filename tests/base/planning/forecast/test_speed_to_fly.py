@@ -12,7 +12,6 @@ from scipy.optimize import minimize_scalar
 from eadp.api.flight import simulate
 from eadp.core.guidance import load_factor
 from eadp.models.battery import LOSS
-from eadp.models.plan.route import RouteArrays
 from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.speed_to_fly import HURRY_W, STEP_MPS, airspeeds_of, value_w
@@ -77,28 +76,26 @@ def test_the_value_of_a_second_is_the_derivative_by_the_pace():
         assert best == pytest.approx(pace, abs=1e-3)
 
 
-def chosen(wind_mps, value):
-    """The airspeeds of the stages of a survey of long lines, and the choice that they are of."""
+def chosen(wind_mps):
+    """A survey of long lines, its route, and the choice of airspeeds on it."""
     forecasting = Forecasting(survey_inputs(**SLOW), wind_mps=wind_mps)
     route = forecasting.route(0.5)
-    choice, paces, values_w = forecasting.evaluator.speed_choice(forecasting.known, [route])
-    return forecasting, route, choice, paces, values_w
+    return forecasting, route, forecasting.evaluator.speed_choice(forecasting.known, [route])
 
 
 @pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (0.0, 4.0), (3.0, -2.0)])
 def test_the_airspeed_of_a_stage_costs_least_of_all(monkeypatch, wind_mps):
     monkeypatch.setattr("eadp.planning.forecast.speed_to_fly.SETTLE_S", 0.0)
-    forecasting, route, choice, _, _ = chosen(wind_mps, 0.0)
-    legs, stages = RouteArrays.of([route]), len(forecasting.mission.plan.stages)
+    forecasting, route, choice = chosen(wind_mps)
     for value in (0.0, 10.0, 40.0, HURRY_W):
-        airspeeds = choice.airspeeds_mps(legs, value, stages)[0]
+        airspeeds = choice.airspeeds_mps(value)[0]
         for stage in set(route.stages.tolist()):
-            mine = choice.row_of[legs.stages == stage]
+            mine = choice.row_of[choice.legs.stages == stage]
             costs = (choice.joules[:, mine] + value * choice.seconds[:, mine]).sum(axis=1)
             # by another way: the times and powers of an evaluation that flies all at one airspeed
             assert choice.speeds_mps[int(np.argmin(costs))] == airspeeds[stage - 1]
     for i, speed in enumerate(choice.speeds_mps.tolist()):
-        whole = forecasting.evaluator.evaluate(forecasting.known, [route], np.full((1, stages), speed))
+        whole = forecasting.evaluator.evaluate(forecasting.known, [route], np.full((1, choice.stages), speed))
         computing_w = (whole.load.min_w + whole.load.max_w) / 2
         flown_j = (whole.load.motion_w + computing_w) * whole.load.times_s
         rest = slice(1, None)  # of the first leg only a part may be left
@@ -106,9 +103,8 @@ def test_the_airspeed_of_a_stage_costs_least_of_all(monkeypatch, wind_mps):
 
 
 def test_short_stages_have_the_airspeed_of_the_stage_before():
-    forecasting, route, choice, _, _ = chosen((0.0, 4.0), 0.0)
-    legs, stages = RouteArrays.of([route]), len(forecasting.mission.plan.stages)
-    assert len(set(choice.airspeeds_mps(legs, 5.0, stages)[0].tolist())) == 1  # its lines and turns take 10 to 17 s
+    _, _, choice = chosen((0.0, 4.0))
+    assert len(set(choice.airspeeds_mps(5.0)[0].tolist())) == 1  # its lines and turns take 10 to 17 s
 
 
 def test_no_airspeed_is_below_the_stall_in_turns_the_wind_and_its_gusts():

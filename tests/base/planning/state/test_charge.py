@@ -29,9 +29,9 @@ UNIT = DrainModel(empty_v=1.0, rise_v=0.0, resistance_ohm=0.0, per_as=1.0)
 def observe(charge, reading, drained, *, measured=True):
     """Take a reading, with the charge drained since the last by prediction; return whether some was lost."""
     step_s = 1.0 if measured else 2 * MAX_STEP_S
-    before = charge.losses
+    before = charge.belief.losses
     charge.ingest([reading], [drained / step_s], [step_s])
-    return charge.losses > before
+    return charge.belief.losses > before
 
 
 def use(charge, drain):
@@ -144,14 +144,14 @@ def test_a_gauge_that_is_stuck_is_disbelieved_and_the_integral_holds(quantum):
     stuck = readings.copy()
     stuck[1500:] = readings[1500]
     charge, found = followed(stuck, 2e-4, jumps := [])
-    assert not charge.believed
+    assert not charge.belief.believed
     assert jumps == []
     assert abs(found[-1] - charges[-1]) < 4 * math.sqrt(charge.ahead.var_soc) + quantum
     assert abs(found[-1] - charges[-1]) < 0.02
     # and it is believed once it shows the truth again
     stuck[2500:] = readings[2500:]
     charge, found = followed(stuck, 2e-4)
-    assert charge.believed
+    assert charge.belief.believed
     assert abs(found[-1] - charges[-1]) < 0.005 + quantum
 
 
@@ -159,7 +159,7 @@ def test_a_gauge_that_jumps_up_is_disbelieved():
     charges, readings = battery(lambda _: 1.0)
     charge, found = followed(readings + np.where(np.arange(len(readings)) >= 1500, 0.2, 0.0), 2e-4, jumps := [])
     assert jumps == []
-    assert not charge.believed
+    assert not charge.belief.believed
     assert abs(found[-1] - charges[-1]) < 0.01
 
 
@@ -169,7 +169,7 @@ def test_a_loss_that_was_false_is_taken_back():
     false[1500:1520] -= 0.3
     charge, found = followed(false, 2e-4, jumps := [])
     assert jumps == [1500, 1520]
-    assert charge.believed
+    assert charge.belief.believed
     assert abs(found[-1] - charges[-1]) < 1e-3
 
 
@@ -231,7 +231,7 @@ def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
         end = min(count, at + int(rng.integers(1, 40)))
         other.ingest(charges[at:end], powers_w[at:end], steps_s[at:end])
         at = end
-    assert other.losses == one.losses > 0
+    assert other.belief.losses == one.belief.losses > 0
     assert expected
     assert other._state.drain.power_w == powers_w[-1]
     assert other.soc == pytest.approx(one.soc, abs=1e-12)
@@ -328,10 +328,10 @@ def test_without_a_gauge_the_charge_is_the_integral_of_the_power(compiled_code):
         soc -= drain_per_s(power_w, 10 + 2 * soc, 0.1, model.per_as) * step_s
     compiled.enable(compiled_code)
     charge.ingest(np.full(300, math.nan), powers_w, steps_s)
-    assert charge.losses == 0
+    assert charge.belief.losses == 0
     assert charge.soc == pytest.approx(soc, abs=1e-12)
     assert charge.ahead.var_soc > 0
-    assert charge.believed
+    assert charge.belief.believed
     assert charge.gauge_gain == (0.0, 0.0)
 
 
@@ -356,5 +356,5 @@ def test_readings_that_fail_for_a_while_are_bridged_by_the_drain(noise):
     before = charge.ahead.var_soc
     jumped = [observe(charge, soc + noise * rng.normal(), 0.0) for _ in range(5)]
     assert not any(jumped)
-    assert charge.believed
+    assert charge.belief.believed
     assert charge.ahead.var_soc < before

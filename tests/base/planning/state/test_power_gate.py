@@ -16,7 +16,7 @@ LIMIT_W, MEAN_W = 1000.0, 40.0
 
 def passed_of(gate, time_s, power_w):
     """One reading, or None where it does not pass."""
-    found = float(gate.ingest([time_s], [power_w], 5.0)[0])
+    found = float(gate.ingest(np.array([time_s]), np.array([power_w]), 5.0)[0])
     return None if math.isnan(found) else found
 
 
@@ -34,7 +34,7 @@ def test_false_readings_do_not_pass_and_others_do(false_w, count):
     gate, found = passed(readings.tolist())
     assert found[100 : 100 + count] == [None] * count
     assert [*found[:100], *found[100 + count :]] == [*true[:100], *true[100 + count :]]
-    assert gate.max_motion_w <= MEAN_W + 10 - 5
+    assert gate.state.max_motion_w <= MEAN_W + 10 - 5
 
 
 @pytest.mark.parametrize("step_s", [0.1, 1.0])
@@ -48,7 +48,7 @@ def test_a_power_that_stays_is_believed(step_s):
 
 
 def test_the_greatest_power_is_one_that_two_readings_reach():
-    assert passed([40.0, 60.0, 41.0, 55.0, 50.0, 42.0])[0].max_motion_w == 50.0 - 5.0
+    assert passed([40.0, 60.0, 41.0, 55.0, 50.0, 42.0])[0].state.max_motion_w == 50.0 - 5.0
 
 
 def corrupt(state, false_w):
@@ -98,10 +98,10 @@ def test_false_readings_of_power_cost_no_quality(undisturbed, false_w):
 def test_a_take_off_passes_and_says_nothing_of_the_power_after_it():
     """But what battery and motor cannot deliver."""
     gate = PowerGate(MEAN_W, LIMIT_W)
-    times = [0.1 * k for k in range(100)]
-    assert list(gate.ingest(times, [770.0] * 100, 5.0, on_plan=False)) == [770.0] * 100
-    assert not gate.rejects
-    assert gate.max_motion_w == 0
-    assert math.isnan(gate.ingest([10.0], [LIMIT_W + 1], 5.0, on_plan=False)[0])
+    times_s, powers_w = 0.1 * np.arange(100), np.full(100, 770.0)
+    assert gate.ingest(times_s, powers_w, 5.0, on_plan=False).tolist() == powers_w.tolist()
+    assert not gate.state.rejects
+    assert gate.state.max_motion_w == 0
+    assert math.isnan(gate.ingest(np.array([10.0]), np.array([LIMIT_W + 1]), 5.0, on_plan=False)[0])
     assert passed_of(gate, 10.1, 42.0) == 42
     assert passed_of(gate, 10.2, 770.0) is None

@@ -14,9 +14,9 @@ AIRSPEED_MPS, STAY_S = 15.0, 5.0
 
 
 def learned(pairs, gust_mps=0.0):
-    ratio = TimeRatio()
+    ratio = TimeRatio(AIRSPEED_MPS, STAY_S)
     for told, flown in pairs:
-        ratio.learn(told, flown, gust_mps, AIRSPEED_MPS, STAY_S)
+        ratio.learn(told, flown, gust_mps)
     return ratio
 
 
