@@ -1,7 +1,5 @@
 """Settings and fixtures that tests share."""
 
-from __future__ import annotations
-
 import gc
 import importlib.util
 import os

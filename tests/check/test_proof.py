@@ -1,7 +1,5 @@
 """What sympy proves of plans, against the check by value; the limits of its process."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Plans as missions and maps: read back they are the same path, and other software takes them."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """What a plan carries, through every door: cover writes it, simulate, plan, export and the page do not forget it."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Missions of other software as plans: against geodesics, an interpreter of jumps, and faults at their places."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import json

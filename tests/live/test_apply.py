@@ -1,7 +1,5 @@
 """A file with computations as decided, for the process to watch."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil

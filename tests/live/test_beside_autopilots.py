@@ -1,7 +1,5 @@
 """What an autopilot holds, flies and says, as ArduPlane and PX4 do: maps in force, refusals, pilots, returns."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

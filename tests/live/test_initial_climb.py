@@ -1,7 +1,5 @@
 """When a flight has reached its plan."""
 
-from __future__ import annotations
-
 import pytest
 
 from eadp.live.locator import MAX_S, STAYS_S, InitialClimb

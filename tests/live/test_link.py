@@ -1,7 +1,5 @@
 """A flight over MAVLink: through a real socket, from a telemetry log, and with what goes wrong on a link."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json
@@ -65,7 +63,7 @@ class Flown:
             self.take(autopilot.heartbeat(armed=True, active=True), float(second))
             self.flight.tick(float(second))
 
-    def fly(self, steps) -> Flown:
+    def fly(self, steps) -> "Flown":
         for _, parts in steps:
             for frame in parts:
                 self.take(frame)

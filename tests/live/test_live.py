@@ -1,7 +1,5 @@
 """A planner on telemetry: the same stages and nearly the same decisions as in the simulation that was recorded."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Lines of telemetry: read strictly, one warning for each invalid line, with its location."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -1,7 +1,5 @@
 """A flight again, of an autopilot's own log, made here byte by byte."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -3,8 +3,6 @@
 The lines are those of scenarios/example-telemetry.jsonl, which tests/support/example_telemetry.py writes.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """Flights by `eadp replan` in a closed loop: disturbed telemetry, and an autopilot that does not apply parameters."""
 
-from __future__ import annotations
-
 import pytest
 from common import ROOT, few
 from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through

@@ -1,7 +1,5 @@
 """`eadp replan` on the example's telemetry made wrong: headings, ends that are none, a start within the flight."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The rest of a mission, replaced in flight: by the protocol, beside the route that is left, and where it fails."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

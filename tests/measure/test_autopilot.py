@@ -1,7 +1,5 @@
 """Autopilots' logs, made byte by byte here, as pyulog and pymavlink read them in a process with limits."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import io

@@ -1,7 +1,5 @@
 """Configurations as options state them."""
 
-from __future__ import annotations
-
 import itertools
 from contextlib import suppress
 

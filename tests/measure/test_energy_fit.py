@@ -1,7 +1,5 @@
 """From samples to a model: spikes taken out, made signals as the oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import few

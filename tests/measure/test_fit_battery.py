@@ -1,7 +1,5 @@
 """`eadp fit --battery`: a block that a scenario takes, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

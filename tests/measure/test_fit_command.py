@@ -1,7 +1,5 @@
 """`eadp fit` as it is called: exit codes, stdout and stderr, the model written."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

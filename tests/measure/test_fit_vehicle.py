@@ -1,7 +1,5 @@
 """`eadp fit --vehicle`: logs of aeroplanes with closed forms, in three formats; what it writes flies."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math

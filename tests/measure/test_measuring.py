@@ -1,7 +1,5 @@
 """The measuring loop in made-up time with a made-up sensor, and one real command with a child of its own."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -67,7 +65,7 @@ class Board:
         self.file.write_text(str(round(1e6 * power_w)), encoding="ascii")
 
     @contextmanager
-    def launch(self, arguments: Sequence[str], clock: object) -> Iterator[Board]:
+    def launch(self, arguments: Sequence[str], clock: object) -> Iterator["Board"]:
         assert clock is self
         assert self.began is None, "one at a time"
         self.events.append(f"start {' '.join(arguments)}")

@@ -1,7 +1,5 @@
 """Power logs: what is read, what is left out with a warning, what is refused and where."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

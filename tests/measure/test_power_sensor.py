@@ -1,7 +1,5 @@
 """Power sensors in a made-up sysfs: found, named, chosen and read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

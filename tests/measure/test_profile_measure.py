@@ -1,7 +1,5 @@
 """`eadp profile --measure` as it is called, in made-up time; what it writes is read by `eadp profile`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -37,7 +35,7 @@ class Computer:
         (self.root / ZONE / "energy_uj").write_text(f"{round(self.energy_uj)}\n", encoding="ascii")
 
     @contextmanager
-    def launched(self, arguments: Sequence[str], _clock: object) -> Iterator[Computer]:
+    def launched(self, arguments: Sequence[str], _clock: object) -> Iterator["Computer"]:
         if arguments[0] == "missing":
             raise CommandError("missing cannot be started: No such file or directory")
         self.ran.append(list(arguments))

@@ -1,7 +1,5 @@
 """What programs record of a computer's power: the board's power, or a question, and never another's."""
 
-from __future__ import annotations
-
 import json
 import statistics
 

@@ -3,8 +3,6 @@
 Oracles: the signals' own parameters, a refit by scipy's non-linear least squares, cross-validation written as a loop.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

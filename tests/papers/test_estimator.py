@@ -1,7 +1,5 @@
 """Estimators: what is recovered, what a gate and a missing reading leave, how sure a forecast is; the published one."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Measured here: the levels are the best of all in every instance with a battery t
 that a horizon of seconds empties by a tenth and more they are the best in 94 %, and at worst 15 % below.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace

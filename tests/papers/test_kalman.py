@@ -1,7 +1,5 @@
 """One step of the filter against the textbook's forms, the information form and least squares."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Flights whose pages are tested."""
 
-from __future__ import annotations
-
 import pytest
 from common import ROOT
 

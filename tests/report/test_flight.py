@@ -1,7 +1,5 @@
 """The page of a flight: its data are the folder's, and the command makes it again."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """A page: self-contained, and its data are data."""
 
-from __future__ import annotations
-
 import json
 import re
 

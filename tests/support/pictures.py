@@ -5,8 +5,6 @@
 The picture of an aircraft's power is that of docs/aircraft.md.
 """
 
-from __future__ import annotations
-
 import shlex
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Coverage out of obstacles and inside a boundary, checked point by point along the path without shapely."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

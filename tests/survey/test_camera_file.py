@@ -1,7 +1,5 @@
 """Camera files: the shipped ones against one another and against published angles of view, and what is refused."""
 
-from __future__ import annotations
-
 import math
 import re
 

@@ -1,7 +1,5 @@
 """`eadp cover`: from files of outlines to plans that pass the check and are flown; refusals."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """Coverage paths: fields of any shape covered, no turn too tight, the same over a field turned, moved, mirrored."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from functools import cache

@@ -1,7 +1,5 @@
 """Fields: what is read and what is mended, and every refusal with its feature's line."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """`eadp init`: every preset flies as it is, and nothing is overwritten unasked."""
 
-from __future__ import annotations
-
 import json
 import re
 

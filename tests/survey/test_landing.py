@@ -1,7 +1,5 @@
 """A flight that takes off in a direction and lands: plan, forecast, flight and missions have the same ends."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """`eadp cover --sorties`, and the doors that its folder goes through: simulate, sweep, export, resume."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import json

@@ -1,7 +1,5 @@
 """`eadp cover --terrain`: plans that are flown over the ground as said, exported and divided; and refusals."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

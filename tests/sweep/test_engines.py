@@ -1,7 +1,5 @@
 """Engines make what they are given; runs here are calls, made by `operator.call` in whatever process."""
 
-from __future__ import annotations
-
 import functools
 import math
 import operator

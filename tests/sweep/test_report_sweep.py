@@ -1,7 +1,5 @@
 """The page of a sweep: counts over all runs, the runs themselves, links to the flights that were kept."""
 
-from __future__ import annotations
-
 import json
 from contextlib import closing
 

@@ -1,7 +1,5 @@
 """The sweep file: what it means, what it refuses and where, and what a run's key depends on."""
 
-from __future__ import annotations
-
 import pickle
 import shutil
 from pathlib import Path

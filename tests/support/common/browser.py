@@ -1,7 +1,5 @@
 """A headless Chromium, driven over its DevTools pipe: no package is needed, only the browser."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import fcntl
@@ -66,7 +64,7 @@ class Browser:
             os.close(end)
         self._session: str | None = None
 
-    def __enter__(self) -> Browser:
+    def __enter__(self) -> "Browser":
         try:
             self._attach()
         except BaseException:
