@@ -82,8 +82,7 @@ def test_the_direction_of_travel(directions, pair):
 
 
 @pytest.mark.parametrize(
-    "path",
-    few(["75*cos(c1)*x + 75*sin(c1)*y - 5625", "(x^2 + y^2 - 5625)*exp(c1)", "sqrt(x^2 + y^2) - 75"], 1),
+    "path", few(["75*cos(c1)*x + 75*sin(c1)*y - 5625", "(x^2 + y^2 - 5625)*exp(c1)", "sqrt(x^2 + y^2) - 75"], 1)
 )
 def test_identities_that_need_more_than_multiplying_out(path):
     assert prove_plan(plan(line(path, "75*cos(c1)", "75*sin(c1)")))[0].own == "0"

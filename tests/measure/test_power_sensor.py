@@ -142,12 +142,7 @@ def test_a_sensor_that_cannot_be_read_is_told(tree: Tree) -> None:
 
 @pytest.mark.parametrize(
     ("files", "power_w"),
-    [
-        (JETSON, 6.0),
-        (CHIP, 7.25),
-        (CELL, 30.0),
-        ({"class/power_supply/BAT1/power_now": 9_500_000}, 9.5),
-    ],
+    [(JETSON, 6.0), (CHIP, 7.25), (CELL, 30.0), ({"class/power_supply/BAT1/power_now": 9_500_000}, 9.5)],
 )
 def test_powers(tree: Tree, files: dict[str, object], power_w: float) -> None:
     meter = Meter(choose_sensor(tree(files)), still)
@@ -155,10 +150,7 @@ def test_powers(tree: Tree, files: dict[str, object], power_w: float) -> None:
     assert meter.power_w() == pytest.approx(power_w)
 
 
-@given(
-    st.integers(1_000, 10**12),
-    st.lists(st.tuples(st.floats(0.05, 5), st.floats(0, 1)), min_size=1, max_size=20),
-)
+@given(st.integers(1_000, 10**12), st.lists(st.tuples(st.floats(0.05, 5), st.floats(0, 1)), min_size=1, max_size=20))
 def test_a_counter_gives_back_the_energy_that_went_in(
     tmp_path_factory: pytest.TempPathFactory, largest: int, steps: list
 ) -> None:

@@ -18,15 +18,7 @@ from scipy.signal import lfilter
 from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
 from eadp.measure import spectrum
-from eadp.measure.spectrum import (
-    MAX_CHANCE,
-    MIN_CV_R2,
-    MIN_SAMPLES,
-    Spectrum,
-    _Samples,
-    analyse,
-    periodogram,
-)
+from eadp.measure.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_SAMPLES, Spectrum, _Samples, analyse, periodogram
 
 NoiseModel = Callable[[np.random.Generator, int], FloatArray]
 
