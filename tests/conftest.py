@@ -131,22 +131,10 @@ def _sympy_started_once(request: pytest.FixtureRequest, _idle):
 
 
 COMPILED = [
-    "base/api",
-    "base/cli",
-    "base/io/figures",
-    "base/io/flight",
-    "base/planning",
-    "base/simulation/test_fixed_wing.py",
-    "base/simulation/test_reproduction.py",
-    "base/simulation/test_wind_over_time.py",
-    "exchange",
-    "live",
-    "measure",
-    "report",
-    "survey",
-    "sweep/test_sweep_command.py",
-    "sweep/test_sweep_file.py",
-]
+    "base/api", "base/cli", "base/io/figures", "base/io/flight", "base/planning", "base/simulation/test_fixed_wing.py",
+    "base/simulation/test_reproduction.py", "base/simulation/test_wind_over_time.py", "exchange", "live", "measure",
+    "report", "survey", "sweep/test_sweep_command.py", "sweep/test_sweep_file.py",
+]  # fmt: skip
 """Tests of whole flights whose subject is not the plain form of the code, beside those of this folder."""
 
 
@@ -160,14 +148,9 @@ def _machine_code(request: pytest.FixtureRequest):
 
 
 DRAWN = {
-    "base/io/figures/test_flight.py",
-    "base/api/test_flight.py",
-    "report/test_flight.py",
-    "report/test_browser.py",
-    "test_library_page.py",
-    "test_notebook.py",
-    "test_pictures.py",
-}
+    "base/io/figures/test_flight.py", "base/api/test_flight.py", "report/test_flight.py", "report/test_browser.py",
+    "test_library_page.py", "test_notebook.py", "test_pictures.py",
+}  # fmt: skip
 """Tests whose subject is a figure or a page of a result folder: elsewhere these are empty files."""
 
 

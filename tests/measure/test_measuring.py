@@ -110,14 +110,8 @@ def noisy(deviation_w: float) -> Callable[[float, float], float]:
 
 
 def run(board: Board, configurations: Sequence[Configuration], **settings: float) -> list:
-    return measure(
-        ["detect", "{fps}"],
-        configurations,
-        board.sensor,
-        MeasurementSettings(**settings),
-        board,
-        board.launch,  # type: ignore[arg-type]
-    )
+    given = ["detect", "{fps}"], configurations, board.sensor, MeasurementSettings(**settings)
+    return measure(*given, board, board.launch)
 
 
 def test_each_configuration_is_run_and_its_warm_up_dropped(board: Callable[..., Board]) -> None:
@@ -185,13 +179,8 @@ def test_a_sensor_that_fails_ends_the_command(board: Callable[..., Board]) -> No
 
 def test_places_in_the_command() -> None:
     configuration = Configuration(("fps", "scale"), ("", ""), (2.0, 0.5))
-    assert fill_placeholders(["a", "--rate={fps}", "{scale}x{fps}", "{other}", "{}"], configuration) == [
-        "a",
-        "--rate=2",
-        "0.5x2",
-        "{other}",
-        "{}",
-    ]
+    filled = fill_placeholders(["a", "--rate={fps}", "{scale}x{fps}", "{other}", "{}"], configuration)
+    assert filled == ["a", "--rate=2", "0.5x2", "{other}", "{}"]
     check_command(["a", "x{fps}"], ["fps"])
     with pytest.raises(InputError, match=r"the command does not use scale; expected \{scale\} in one"):
         check_command(["a", "{fps}"], ["fps", "scale"])

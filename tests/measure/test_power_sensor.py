@@ -12,6 +12,7 @@ from eadp.measure.power_sensor import Meter, Sensor, choose_sensor, find_sensors
 
 Tree = Callable[[dict[str, object]], str]
 
+ZONE = "class/powercap/intel-rapl"
 RAPL = {
     "class/powercap/intel-rapl/enabled": 1,
     "class/powercap/intel-rapl:0/name": "package-0",
@@ -82,10 +83,7 @@ def test_all_kinds_are_found_in_their_order(tree: Tree) -> None:
         ({**RAPL, **JETSON}, "ina3221:ina3221/VDD_IN"),
         ({**RAPL, **CHIP}, "hwmon:amdgpu/power1"),
         ({**RAPL, "class/powercap/intel-rapl-mmio:0/energy_uj": 1}, "powercap:package-0"),
-        (
-            {**RAPL, "class/powercap/intel-rapl:1/name": "psys", "class/powercap/intel-rapl:1/energy_uj": 1},
-            "powercap:psys",
-        ),
+        ({**RAPL, "class/powercap/intel-rapl:1/name": "psys", f"{ZONE}:1/energy_uj": 1}, "powercap:psys"),
         ({**CELL, "class/hwmon/hwmon0/name": "x", "class/hwmon/hwmon0/power1_input": "ENODATA"}, "power_supply:BAT0"),
     ],
 )
@@ -93,15 +91,7 @@ def test_the_whole_of_the_first_kind_is_chosen(tree: Tree, files: dict[str, obje
     assert choose_sensor(tree(files)).label == label
 
 
-@pytest.mark.parametrize(
-    "wanted",
-    [
-        "powercap:core",
-        "class/powercap/intel-rapl:0:0",
-        "class/powercap/intel-rapl:0:0/energy_uj",
-        "{root}/class/powercap/intel-rapl:0:0",
-    ],
-)
+@pytest.mark.parametrize("wanted", ["powercap:core", f"{ZONE}:0:0", f"{ZONE}:0:0/energy_uj", f"{{root}}/{ZONE}:0:0"])
 def test_a_sensor_by_name_or_path(tree: Tree, wanted: str) -> None:
     root = tree({**RAPL, **JETSON})
     assert choose_sensor(root, wanted.format(root=root)).label == "powercap:core"
