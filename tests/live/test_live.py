@@ -33,14 +33,12 @@ def inputs_of(planner="joint", **overrides):
 
 @pytest.fixture(scope="module")
 def recorded():
-    """The survey flown with the joint planner: the inputs, and all that it saw."""
-    inputs = inputs_of()
-    watching, outcome = watched(inputs, every_step=True), Outcome()
-    for _ in fly(inputs.world, watching, outcome):
+    """Four minutes of the survey with the joint planner: the inputs, and all that it saw."""
+    inputs, short = inputs_of(), inputs_of(time_limit_s=255)
+    watching = watched(short, every_step=True)
+    for _ in fly(short.world, watching, Outcome()):
         pass
-    recorder = watching.planner
-    assert outcome.completed
-    return inputs, recorder
+    return inputs, watching.planner
 
 
 def live(inputs):

@@ -1,16 +1,11 @@
 """Autopilots' logs, made byte by byte here, as pyulog and pymavlink read them in a process with limits."""
 
-import contextlib
 import importlib.util
-import io
 import os
 import random
 import struct
 import threading
-import warnings
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,39 +21,6 @@ pytest.importorskip("pyulog")
 pytest.importorskip("pymavlink")
 
 N = 40
-
-
-@pytest.fixture(autouse=True)
-def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Logs are read in this process, which takes a tenth of the time, where the process is not the subject."""
-    one, opened = importlib.import_module("eadp.measure.autopilot_process"), []
-
-    def kept_open(*given: Any) -> Any:
-        opened.append(open(*given))  # noqa: SIM115
-        return opened[-1]
-
-    def run(command: list[str], **_: Any) -> SimpleNamespace:
-        form, path, topics = command[-3:]
-        out = io.BytesIO()
-        try:
-            with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(io.StringIO()):
-                read = one._ulog(path, topics.split(",")) if form == "ulog" else None
-                np.savez(out, **(read or one._dataflash(form, path, topics.split(","))))
-        except Exception as error:
-            return SimpleNamespace(returncode=1, stderr=f"{type(error).__name__}: {error}".encode())
-        finally:
-            for file in opened:
-                file.close()
-        return SimpleNamespace(returncode=0, stdout=out.getvalue())
-
-    monkeypatch.setattr(messages.subprocess, "run", run)
-    monkeypatch.setattr("pymavlink.DFReader.open", kept_open, raising=False)  # it leaves its file to the collector
-
-
-@pytest.fixture
-def process(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The process that has limits."""
-    monkeypatch.undo()
 
 
 # a ULog
