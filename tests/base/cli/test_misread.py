@@ -1,7 +1,5 @@
 """Inputs that seem to mean something else than they say: an error or a warning that says so."""
 
-from __future__ import annotations
-
 import math
 import os
 
@@ -73,11 +71,7 @@ def surveyed(**changed):
     ("arguments", "code", "said"),
     [
         (surveyed(), 0, ""),
-        (
-            surveyed(home="10.333,55.4715"),
-            2,
-            "which is at 55.47° N, 10.33° E; expected LAT,LON in that order: here or",
-        ),
+        (surveyed(home="10.333,55.4715"), 2, "which is at 55.47° N, 10.33° E; expected LAT,LON in that order: here or"),
         (surveyed(sensor_width_mm=0.0063), 2, "--sensor-width-mm:1:1: error: 0.0063 is out of range"),  # m
         (surveyed(side_overlap=0.7), 2, "0.7 %; expected percent from 1 to 99, as 70"),
         (surveyed(min_radius=15), 0, "which the aircraft holds not even in calm air; in 0 m/s it needs"),

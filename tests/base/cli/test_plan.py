@@ -1,7 +1,5 @@
 """`eadp plan`: the documented JSON, the canonical text, refusals."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

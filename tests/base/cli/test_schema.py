@@ -1,7 +1,5 @@
 """Documents that commands write: each is labelled; those that eadp reads again are as their schemas."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """`eadp simulate` as its users meet it: answers, result folder, refusals."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """`eadp vehicle`: its text, its document, its picture, and its exit codes."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -41,10 +41,7 @@ def test_entries_are_those_of_points_along_the_track(seed):
     track = [tuple(point) for point in np.cumsum(rng.normal(0, 12, (30, 2)), axis=0).tolist()]
     times = [2.0 * i for i in range(len(track))]
     found = {each.name: each for each in Airspace((Obstacle(SQUARE, "barn"),), (ROOM,)).entries(times, track, [0] * 30)}
-    for name, inside in (
-        ("barn", lambda x, y: within(SQUARE, x, y)),
-        (BOUNDARY, lambda x, y: not within(ROOM, x, y)),
-    ):
+    for name, inside in (("barn", lambda x, y: within(SQUARE, x, y)), (BOUNDARY, lambda x, y: not within(ROOM, x, y))):
         length, first = sampled(track, inside)
         entry = found.get(name)
         assert (entry.inside_m if entry else 0.0) == pytest.approx(length, abs=0.1 + 0.01 * length)

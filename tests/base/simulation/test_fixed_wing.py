@@ -1,7 +1,5 @@
 """The fixed-wing aircraft: steady flight as the formulas have it, limits kept, gusts felt as airspeed first."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -12,18 +10,7 @@ from eadp.core.expressions.reader import read_expression
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.models.vehicle import FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
-from eadp.simulation.aircraft import (
-    AIRSPEED,
-    ALTITUDE,
-    BANK,
-    CLIMB,
-    VX,
-    X,
-    Y,
-    constants_of,
-    fly_step,
-    state_of,
-)
+from eadp.simulation.aircraft import AIRSPEED, ALTITUDE, BANK, CLIMB, VX, X, Y, constants_of, fly_step, state_of
 
 STEP_S = 0.01
 CALM = (0.0, 0.0)

@@ -1,7 +1,5 @@
 """The Fourier state against scipy's matrix exponential and against the series written out term by term."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plan text: the papers' format and its dialects, canonical text, and whatever else may come."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from dataclasses import replace
@@ -379,11 +377,7 @@ def test_any_plan_is_read_as_it_was_written(plan):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "\n" * 200_000 + TWO,
-        "init:\nn = 1\n" + " " * 200_000 + "\n",
-        "%: made-for a" + " " * 200_000 + "b\n" + TWO,
-    ],
+    ["\n" * 200_000 + TWO, "init:\nn = 1\n" + " " * 200_000 + "\n", "%: made-for a" + " " * 200_000 + "b\n" + TWO],
     ids=["blank lines", "a blank line", "made-for"],
 )
 def test_blanks_take_time_with_their_number(text):

@@ -11,14 +11,7 @@ from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.text import streams
-from eadp.io.text.streams import (
-    FILES,
-    Text,
-    check_new_folder,
-    new_folder,
-    read_text,
-    write_text,
-)
+from eadp.io.text.streams import FILES, Text, check_new_folder, new_folder, read_text, write_text
 
 unhurried = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 

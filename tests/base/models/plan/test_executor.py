@@ -1,7 +1,5 @@
 """The plan as it is flown: arming, passing, laps and their shifts, changes of parameters, the end."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -13,9 +11,7 @@ from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
 from eadp.models.plan.cursor import LATCHED, LIVE, PlanCursor, Rules, reaches, shift_at
-from eadp.models.plan.executor import (
-    PlanExecutor,
-)
+from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.trace import default_start, nominal_legs
 
 NANOMETRE = 1e-9

@@ -1,7 +1,5 @@
 """The joint planner in simulated flights, and what it says of them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
