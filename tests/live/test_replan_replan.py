@@ -1,5 +1,7 @@
 """Flights by `eadp replan` in a closed loop: disturbed telemetry, and an autopilot that does not apply parameters."""
 
+import json
+
 import pytest
 from common import ROOT, few
 from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
@@ -146,18 +148,12 @@ def test_a_mission_that_is_taken_up_again_is_forecast_from_the_start_of_the_leg_
     assert left_s[1] > left_s[0] + 5
 
 
-def test_of_an_autopilot_that_returns_no_parameters_are_decided(lines):
+def test_of_an_autopilot_that_returns_no_parameters_are_decided():
     """Nor is the pilot asked to fly home, though the charge is gone."""
-    returning = [
-        line
-        | (
-            {"flies_mission": False, "returns_home": True, "soc": 0.06}
-            if line["time_s"] > 60
-            else {"flies_mission": True}
-        )
-        for line in lines[:110]
-    ]
-    answers = answered(returning)
+    example = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:110]
+    lines = [line | {"flies_mission": line["time_s"] <= 60} for line in map(json.loads, example)]
+    lines[60:] = [line | {"returns_home": True, "soc": 0.06} for line in lines[60:]]
+    answers = answered(lines)
     after = [answer for time_s, answer in answers.items() if time_s > 60]
     assert {each["reason"] for each in after} == {RETURNS}
     assert not any(each["returns_home"] for each in after)

@@ -304,13 +304,8 @@ def test_the_first_line_names_aircraft_battery_and_wind(eadp, line_plan):
 @pytest.mark.usefixtures("drawn")
 def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_json(eadp, tmp_path):
     folder = tmp_path / "home"
-    keys = (
-        "battery.capacity_ah=0.25",
-        "home.position_m=[0, -1000]",
-        "on_infeasible=home",
-        "step_s=0.1",
-        "planner.every_s=3",
-    )
+    keys = ["battery.capacity_ah=0.25", "home.position_m=[0, -1000]", "on_infeasible=home"]
+    keys += ["step_s=0.1", "planner.every_s=3"]
     answer = eadp(
         "simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder,
         *(part for key in keys for part in ("--set", key)),

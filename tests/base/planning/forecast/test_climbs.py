@@ -114,11 +114,7 @@ def test_a_flight_starts_at_the_altitude_of_its_first_stage(inputs_of):
 
 @pytest.mark.parametrize(
     ("airspeed", "wind", "what"),
-    [
-        (7, 0, "stage 2: an airspeed of 7 m/s is below the stall's 7.4 m/s"),
-        (12, 13, "a wind of 13 m/s"),
-        (60, 0, "motor"),
-    ],
+    [(7, 0, "stage 2: an airspeed of 7 m/s is below the stall's 7.4"), (12, 13, "a wind of 13 m/s"), (60, 0, "motor")],
 )
 def test_airspeeds_that_cannot_be_flown_are_errors_at_their_stage(airspeed, wind, what, inputs_of):
     with pytest.raises(InputError) as caught:
