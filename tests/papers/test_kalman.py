@@ -71,9 +71,6 @@ def test_a_sure_reading_after_a_vague_prior_stays_positive(prior):
         assert covariance == pytest.approx(covariance.T, rel=1e-6, abs=1e-15 * prior)
 
 
-# --- many readings ----------------------------------------------------------------------------------------------------
-
-
 # --- prediction -------------------------------------------------------------------------------------------------------
 
 

@@ -131,9 +131,6 @@ def test_metres_of_a_grid(eadp, tmp_path):
     assert refused(home, "km from the field; expected 50 km or less")
 
 
-# --- numbers that are printed as edges
-
-
 # --- texts and tables
 
 LOG = [(0.5 * i, 30 + 5 * math.cos(0.25 * i)) for i in range(400)]

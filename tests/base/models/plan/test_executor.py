@@ -540,9 +540,6 @@ def test_default_start(stage, position, heading):
     assert (math.cos(direction), math.sin(direction)) == pytest.approx((math.cos(heading), math.sin(heading)))
 
 
-# --- the closed form of a path ----------------------------------------------------------------------------------------
-
-
 # --- where others tell what is flown
 
 
