@@ -141,6 +141,5 @@ def test_a_broken_sympy_is_bad_input_not_a_bug(tmp_path, root, options):
     command = [sys.executable, "-c", code, "plan", "plans/survey.plan", *options]
     done = subprocess.run(command, capture_output=True, text=True, cwd=root, check=False)
     assert (done.returncode, done.stdout) == (2, "")
-    assert (
-        done.stderr == "eadp: error: sympy cannot be imported (no such thing); install it, as in: pip install sympy\n"
-    )
+    said = "sympy cannot be imported (no such thing); install it, as in: pip install sympy\n"
+    assert done.stderr == f"eadp: error: {said}"

@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import pytest
 from common import ROOT
-from common.plans import STADIUM
 from common.recorder import Recorder, watched
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.api.inputs import Files, load_flight
-from eadp.io.text.streams import Text
+from eadp.api.inputs import load_flight
 from eadp.live.flight import EMPTY, LiveFlight, _GroundVelocity
 from eadp.live.gate import APPLY_S, AppliedParameters
 from eadp.planning.base import Sample
@@ -56,30 +54,6 @@ def samples(seen, every, keys=()):
         if k % every == 0 or k == len(seen):
             sample = Sample(o.time_s, o.position_m, o.sample.power_w, o.soc)
             yield sample._replace(**{key: getattr(o.sample, key) for key in keys})
-
-
-def changes(pairs):
-    """Times and values where the values change."""
-    result = []
-    for time_s, value in pairs:
-        if not result or value != result[-1][1]:
-            result.append((time_s, value))
-    return result
-
-
-def test_each_stage_ends_within_its_own_radius_on_telemetry_too():
-    plan = Text("stadium.plan", STADIUM.format(2, 40, 8, 30))
-    inputs = load_flight(plan.name, overrides={"step_s": 0.1}, files=Files({plan.name: plan}))
-    watching, outcome = watched(inputs, every_step=True), Outcome()
-    for _ in fly(inputs.world, watching, outcome):
-        pass
-    recorder = watching.planner
-    flight = live(inputs)
-    answers = [(sample.time_s, flight.update(sample)[0]) for sample in samples(recorder.seen, 1, keys=MEASURED)]
-    found = changes((time_s, advice.stage) for time_s, advice in answers if advice is not None)
-    flown = changes((o.time_s, o.stage) for o in recorder.seen)
-    assert [stage for _, stage in found] == [stage for _, stage in flown] == [1, 2, 3, 4]
-    assert [time_s for time_s, _ in found] == pytest.approx([time_s for time_s, _ in flown], abs=0.11)
 
 
 MEASURED = ("velocity_mps", "heading_rad")

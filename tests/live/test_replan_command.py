@@ -119,16 +119,9 @@ def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
 
 
 def test_lines_that_are_invalid_give_a_warning_and_are_skipped(replan, whole):
-    bad = [
-        b"not JSON\n",
-        b"\n",
-        b'\xff{"time_s": 1}\n',
-        b'{"time_s": 3}\n',
-        LINES[0],
-        LINES[2].replace(b'"time_s": ', b'"time_s": 1e999, "_": '),
-        b"[" * 3000 + b"\n",
-        b" " * 200_000 + b"\n",
-    ]
+    endless = LINES[2].replace(b'"time_s": ', b'"time_s": 1e999, "_": ')
+    bad = [b"not JSON\n", b"\n", b'\xff{"time_s": 1}\n', b'{"time_s": 3}\n', LINES[0], endless]
+    bad += [b"[" * 3000 + b"\n", b" " * 200_000 + b"\n"]
     code, advice, err = replan(b"".join([*LINES[:2], *bad, *LINES[2:60]]))
     assert (code, advice) == (0, whole[:60])
     emitted = err.splitlines()
@@ -152,9 +145,8 @@ def test_a_value_that_is_invalid_costs_that_value_alone(replan, whole, old, new,
     code, advice, err = replan(b"".join([*LINES[:2], LINES[2].replace(old, new), *LINES[3:30]]))
     assert code == 0
     assert [line["warnings"] for line in advice] == [[], [], warnings, *[[]] * 27]
-    assert [(line["time_s"], line["stage"]) for line in advice] == [
-        (line["time_s"], line["stage"]) for line in whole[:30]
-    ]
+    stages = [[(line["time_s"], line["stage"]) for line in lines] for lines in (advice, whole[:30])]
+    assert stages[0] == stages[1]
     assert all(line.startswith("<stdin>:3:") for line in err.splitlines())
 
 
@@ -165,9 +157,8 @@ def test_a_gap_gives_a_warning_and_is_flown_through(replan, whole):
     assert err.splitlines()[0] == "<stdin>:41:12: warning: a gap of 13 s; expected lines more often"
     # the recorded aircraft does not fly what is decided after the gap
     assert all("is not applied" in line for line in err.splitlines()[1:])
-    assert [(line["stage"], line["lap"]) for line in advice[-40:]] == [
-        (line["stage"], line["lap"]) for line in whole[110:150]
-    ]
+    places = [[(line["stage"], line["lap"]) for line in lines] for lines in (advice[-40:], whole[110:150])]
+    assert places[0] == places[1]
 
 
 @pytest.mark.parametrize(

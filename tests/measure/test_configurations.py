@@ -62,10 +62,7 @@ def test_stated_wrongly(raw: str, start: str) -> None:
     [
         ([], "--config:1:1: error: nothing to measure"),
         (["fps=2,keysize=32", "fps=4"], "--config:1:1: error: other parameters than before; expected values of fps, k"),
-        (
-            ["a=" + "1," * 98 + "1,b=" + "1," * 98 + "1"],
-            "--config:1:1: error: 9801 configurations; expected at most 10",
-        ),
+        (["a=" + "1," * 98 + "1,b=" + "1," * 98 + "1"], "--config:1:1: error: 9801 configurations; expected at"),
     ],
 )
 def test_what_cannot_be_measured(stated: list[str], start: str) -> None:

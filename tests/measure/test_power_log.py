@@ -236,14 +236,8 @@ def test_a_clock_set_back_keeps_the_longest_run() -> None:
 def test_what_was_left_out_is_counted() -> None:
     log = parse(rows("30,", "31,nan", "31,5", "31,6", "30.5,1", "90,1", "34", "135,30"))
     assert log.counts == {
-        "rows": N + 8,
-        "empty": 2,
-        "not_finite": 1,
-        "late": 1,
-        "repeated": 1,
-        "gaps": 3,
-        "longest_gap_s": 59.0,
-    }
+        "rows": N + 8, "empty": 2, "not_finite": 1, "late": 1, "repeated": 1, "gaps": 3, "longest_gap_s": 59.0,
+    }  # fmt: skip
     assert parse(rows()).counts == {"rows": N}
 
 

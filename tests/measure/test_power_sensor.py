@@ -23,15 +23,11 @@ RAPL = {
     "class/powercap/intel-rapl:0:0/max_energy_range_uj": 5_000_000,
 }
 JETSON = {
-    "class/hwmon/hwmon3/name": "ina3221",
-    "class/hwmon/hwmon3/in1_input": 5000,
-    "class/hwmon/hwmon3/curr1_input": 1200,
-    "class/hwmon/hwmon3/in1_label": "VDD_IN",
-    "class/hwmon/hwmon3/in2_input": 4900,
-    "class/hwmon/hwmon3/curr2_input": 300,
-    "class/hwmon/hwmon3/in2_label": "VDD_CPU",
+    "class/hwmon/hwmon3/name": "ina3221", "class/hwmon/hwmon3/in1_input": 5000, "class/hwmon/hwmon3/curr1_input": 1200,
+    "class/hwmon/hwmon3/in1_label": "VDD_IN", "class/hwmon/hwmon3/in2_input": 4900,
+    "class/hwmon/hwmon3/curr2_input": 300, "class/hwmon/hwmon3/in2_label": "VDD_CPU",
     "class/hwmon/hwmon3/in7_input": 4900,
-}
+}  # fmt: skip
 CHIP = {"class/hwmon/hwmon1/name": "amdgpu", "class/hwmon/hwmon1/power1_average": 7_250_000}
 CELL = {
     "class/power_supply/BAT0/type": "Battery",
@@ -68,13 +64,9 @@ def fault_of(root: str, wanted: str = "") -> list[str]:
 def test_all_kinds_are_found_in_their_order(tree: Tree) -> None:
     root = tree({**RAPL, **CELL, **CHIP, **JETSON})
     assert [sensor.label for sensor in find_sensors(root)] == [
-        "ina3221:ina3221/VDD_IN",
-        "ina3221:ina3221/VDD_CPU",
-        "hwmon:amdgpu/power1",
-        "powercap:package-0",
-        "powercap:core",
-        "power_supply:BAT0",
-    ]
+        "ina3221:ina3221/VDD_IN", "ina3221:ina3221/VDD_CPU", "hwmon:amdgpu/power1", "powercap:package-0",
+        "powercap:core", "power_supply:BAT0",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

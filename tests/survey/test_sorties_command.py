@@ -235,6 +235,7 @@ def test_too_few_sorties_are_refused(eadp, scenario, folder, document):
     assert f"sorties    {count}, as asked for: " in enough
 
 
+@pytest.mark.slow
 def test_sorties_fly_by_the_planner_of_their_scenario(eadp, tmp_path):
     """One that does not forecast turns no flight back, and decides no airspeed."""
     given = tmp_path / "given.yaml"

@@ -98,9 +98,7 @@ def test_latitude_and_longitude_swapped(eadp, tmp_path):
     plan = tmp_path / "placed.plan"
     plan.write_text(PLACED)
     home = ("--set", "home.lat_deg=10.43", "--set", "home.lon_deg=55.37")
-    assert refused(
-        eadp("simulate", plan, *home), "too far from the plan's origin, but near it with lon_deg and lat_deg"
-    )
+    assert refused(eadp("simulate", plan, *home), "too far from the plan's origin, but near it with lon_deg and")
     assert refused(eadp("export", plan, "--to", "kml", "--home", "10.43,55.37"), "--home:1:1", "LAT,LON in that order")
     assert refused(eadp("cover", *MEADOW, "--home", "10.43,55.37"), "--home:1:1", "LAT,LON in that order")
     zone = tmp_path / "zone.csv"

@@ -44,16 +44,9 @@ def test_the_result_folder(eadp, tmp_path):
     answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", folder, *SHORT)
     assert answer.code == 1
     assert sorted(item.name for item in folder.iterdir()) == [
-        "estimate.csv",
-        "files.json",
-        "flight.csv",
-        "flight.png",
-        "flight.svg",
-        "inputs",
-        "report.html",
-        "summary.json",
-        "timings.json",
-    ]
+        "estimate.csv", "files.json", "flight.csv", "flight.png", "flight.svg", "inputs", "report.html",
+        "summary.json", "timings.json",
+    ]  # fmt: skip
     with (folder / "flight.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     head = "time_s,stage,x_m,y_m,altitude_m,heading_rad,power_w,power_forecast_w,soc,c1,c2"

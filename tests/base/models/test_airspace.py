@@ -67,9 +67,8 @@ def test_the_top_on_the_ways_home_is_of_obstacles_that_are_crossed():
     """Of a mast beside the straight ways too; one that is not on the way, or has no height, has no top."""
     square = ((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0))
     at = lambda x, y: tuple((x + dx, y + dy) for dx, dy in square)  # noqa: E731
-    space = Airspace(
-        (Obstacle(at(0, 0), "mast", 80.0), Obstacle(at(0, 300), "tower", 200.0), Obstacle(at(50, 0), "hill"))
-    )
+    mast, tower = Obstacle(at(0, 0), "mast", 80.0), Obstacle(at(0, 300), "tower", 200.0)
+    space = Airspace((mast, tower, Obstacle(at(50, 0), "hill")))
     points = np.array([(200.0, 0.0), (200.0, 10.0)])
     assert space.top_on_ways_m(points, (-200.0, 0.0), 1.0) == 80
     assert space.top_on_ways_m(np.array([(-100.0, 0.0)]), (-200.0, 0.0), 1.0) == -math.inf

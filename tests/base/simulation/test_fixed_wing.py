@@ -97,9 +97,8 @@ def test_it_climbs_to_its_height_within_its_limit_and_pays_for_it():
     power = fly(plane, path("-y"), 5)[-1]
     assert plane.s[CLIMB] == 3.0
     # P = (D + W sin γ) V/η: the climb takes m g ḣ/η more
-    assert power == pytest.approx(
-        vehicle.cruise_power_w + vehicle.weight_n * 3.0 / vehicle.propulsive_efficiency, rel=1e-3
-    )
+    climb_w = vehicle.weight_n * 3.0 / vehicle.propulsive_efficiency
+    assert power == pytest.approx(vehicle.cruise_power_w + climb_w, rel=1e-3)
     fly(plane, path("-y"), 40)
     assert plane.s[ALTITUDE] == pytest.approx(60, abs=0.1)
 

@@ -85,17 +85,10 @@ class Browser:
             shutil.rmtree(self._profile, ignore_errors=True)
             time.sleep(0.02)
 
-    def open(
-        self, path: Path, width: int = 1280, height: int = 900, *, dark: bool = False, phone: bool = False
-    ) -> None:
+    def open(self, path: Path, width=1280, height=900, *, dark: bool = False, phone: bool = False) -> None:
         """Load a page from disk at a size, until it is drawn."""
-        self._send(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=2 if phone else 1,
-            mobile=phone,
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": 2 if phone else 1, "mobile": phone}
+        self._send("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._send("Emulation.setEmulatedMedia", features=[scheme])
         self._send("Page.navigate", url=path.resolve().as_uri())

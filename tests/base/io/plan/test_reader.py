@@ -308,6 +308,7 @@ numbers = st.one_of(st.integers(-(10**6), 10**6).map(float), st.floats(-1e9, 1e9
 paths = st.sampled_from(
     ["x", "x + c1", "(x - 3)^2 + (y + 2)^2 - 4900 - c1", "-(x^2) + sin(y)/c2", "x^-2^c1", "x*y - --y"]
 )
+radii = st.none() | st.floats(1e-3, 1e6)
 boxes = st.tuples(st.floats(0, 1e9), st.floats(0, 1e9)).map(lambda pair: Box(*sorted(pair)))
 words = st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,8}", fullmatch=True)
 units = st.one_of(st.just(""), st.from_regex(r"[a-z/%0-9]{1,4}", fullmatch=True))
@@ -334,28 +335,17 @@ def plans(draw):
         computations = tuple((name, draw(units)) for name in names)
     stages = tuple(
         Stage(
-            index,
-            0,
-            abs(draw(numbers)),
-            draw(st.sampled_from([90, 270])),
-            read_expression(text),
-            (constant(draw(metres)), constant(draw(metres))),
-            tuple(draw(boxes) for _ in range(per_stage)),
-            radius_m=draw(st.one_of(st.none(), st.floats(1e-3, 1e6))),
+            index, 0, abs(draw(numbers)), draw(st.sampled_from([90, 270])), read_expression(text),
+            (constant(draw(metres)), constant(draw(metres))), tuple(draw(boxes) for _ in range(per_stage)),
+            radius_m=draw(radii),
         )
         for index, text in enumerate(texts, 1)
-    )
+    )  # fmt: skip
     shift = draw(st.one_of(st.none(), st.tuples(numbers, numbers)))
     return Plan(
-        "",
-        stages,
-        path_count,
-        computations,
-        trigger_radius_m=draw(st.one_of(st.just(20.0), st.floats(1e-3, 1e6))),
-        min_radius_m=draw(st.one_of(st.none(), st.floats(1e-3, 1e6))),
-        site=Site(origin),
-        header_shift=shift and (constant(shift[0]), constant(shift[1])),
-    )
+        "", stages, path_count, computations, trigger_radius_m=draw(st.one_of(st.just(20.0), st.floats(1e-3, 1e6))),
+        min_radius_m=draw(radii), site=Site(origin), header_shift=shift and tuple(map(constant, shift)),
+    )  # fmt: skip
 
 
 @given(plans())

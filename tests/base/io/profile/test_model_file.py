@@ -462,9 +462,8 @@ TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
 def test_published_traces_are_the_published_model() -> None:
     files = [reference(name) for name in TRACES]
     model, _ = read_profile(reference("landing_powprofiler_model.csv"), ["fps"])
-    profile, warnings = read_profile(
-        files, configurations=[Configuration(("fps",), ("",), (fps,)) for fps in (0.5, 10)]
-    )
+    configurations = [Configuration(("fps",), ("",), (fps,)) for fps in (0.5, 10)]
+    profile, warnings = read_profile(files, configurations=configurations)
     assert warnings == []
     for fps in (0.5, 10.0):  # printed to six digits
         assert points_of(profile)[(fps,)] == pytest.approx(points_of(model)[(fps,)], rel=5e-6)

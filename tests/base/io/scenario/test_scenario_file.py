@@ -25,23 +25,9 @@ def test_values_that_mean_nothing_are_refused(key, value):
 # --- every key
 
 UNITS = {
-    "w_per_sqrt_s": "W/√s",
-    "per_s": "1/s",
-    "per_h": "1/h",
-    "per_m": "1/m",
-    "mps": "m/s",
-    "kgpm3": "kg/m³",
-    "m2": "m²",
-    "ohm": "Ω",
-    "deg": "°",
-    "ah": "Ah",
-    "kg": "kg",
-    "s": "s",
-    "m": "m",
-    "w": "W",
-    "v": "V",
-    "n": "N",
-}
+    "w_per_sqrt_s": "W/√s", "per_s": "1/s", "per_h": "1/h", "per_m": "1/m", "mps": "m/s", "kgpm3": "kg/m³", "m2": "m²",
+    "ohm": "Ω", "deg": "°", "ah": "Ah", "kg": "kg", "s": "s", "m": "m", "w": "W", "v": "V", "n": "N",
+}  # fmt: skip
 """Units by how a key's name ends; the first that fits."""
 
 

@@ -141,7 +141,6 @@ def test_an_ardupilot_takes_off_at_full_throttle(inputs_of):
     assert at_full - usual == pytest.approx(full_j - CLIMB_J / 4, rel=1e-3)
     # in the air it climbs as any other
     flying = {"start.altitude_m": 25.0}
-    one, other = (
-        inputs_of(text, **flying, **more).preflight().forecast for more in ({}, {"autopilot.kind": "ardupilot"})
-    )
+    kinds = {}, {"autopilot.kind": "ardupilot"}
+    one, other = (inputs_of(text, **flying, **more).preflight().forecast for more in kinds)
     assert one.energy_wh == pytest.approx(other.energy_wh)
