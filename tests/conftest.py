@@ -25,9 +25,11 @@ gc.disable()  # until all tests are collected: nothing of them is garbage
 # ones. Of a test that is to fall, any failing example will do. A loaded machine makes the generation of inputs slow,
 # which is no fault of a test. None depends on the clock.
 settings.register_profile("base", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("quick", settings.get_profile("base"), max_examples=15, derandomize=True)
+settings.register_profile("quick", settings.get_profile("base"), max_examples=10, derandomize=True)
 settings.register_profile("slow", settings.get_profile("base"), max_examples=50)
-settings.register_profile("any", settings.get_profile("quick"), phases=(Phase.explicit, Phase.generate))
+settings.register_profile(
+    "any", settings.get_profile("quick"), max_examples=15, phases=(Phase.explicit, Phase.generate)
+)
 settings.load_profile("quick")
 Progress.__init__.__defaults__ = (float("inf"),)  # no line of progress, which the clock of a slow machine would draw
 

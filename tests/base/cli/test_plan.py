@@ -167,10 +167,7 @@ def test_plots(eadp, tmp_path):
     ],
 )
 def test_what_is_refused(eadp, arguments, word):
-    answer = eadp("plan", "plans/survey.plan", *arguments)
-    assert answer.code == 2
-    assert answer.out == ""
-    assert word in answer.err
+    assert refused(eadp("plan", "plans/survey.plan", *arguments), word)
 
 
 def test_triggers_have_latitudes_where_they_are_numbers(eadp, tmp_path):
