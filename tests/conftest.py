@@ -1,7 +1,5 @@
 """Settings and fixtures that tests share."""
 
-from __future__ import annotations
-
 import gc
 import importlib.util
 import os
@@ -27,9 +25,11 @@ gc.disable()  # until all tests are collected: nothing of them is garbage
 # ones. Of a test that is to fall, any failing example will do. A loaded machine makes the generation of inputs slow,
 # which is no fault of a test. None depends on the clock.
 settings.register_profile("base", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("quick", settings.get_profile("base"), max_examples=15, derandomize=True)
+settings.register_profile("quick", settings.get_profile("base"), max_examples=10, derandomize=True)
 settings.register_profile("slow", settings.get_profile("base"), max_examples=50)
-settings.register_profile("any", settings.get_profile("quick"), phases=(Phase.explicit, Phase.generate))
+settings.register_profile(
+    "any", settings.get_profile("quick"), max_examples=15, phases=(Phase.explicit, Phase.generate)
+)
 settings.load_profile("quick")
 Progress.__init__.__defaults__ = (float("inf"),)  # no line of progress, which the clock of a slow machine would draw
 
@@ -133,22 +133,10 @@ def _sympy_started_once(request: pytest.FixtureRequest, _idle):
 
 
 COMPILED = [
-    "base/api",
-    "base/cli",
-    "base/io/figures",
-    "base/io/flight",
-    "base/planning",
-    "base/simulation/test_fixed_wing.py",
-    "base/simulation/test_reproduction.py",
-    "base/simulation/test_wind_over_time.py",
-    "exchange",
-    "live",
-    "measure",
-    "report",
-    "survey",
-    "sweep/test_sweep_command.py",
-    "sweep/test_sweep_file.py",
-]
+    "base/api", "base/cli", "base/io/figures", "base/io/flight", "base/planning", "base/simulation/test_fixed_wing.py",
+    "base/simulation/test_reproduction.py", "base/simulation/test_wind_over_time.py", "exchange", "live", "measure",
+    "report", "survey", "sweep/test_sweep_command.py", "sweep/test_sweep_file.py",
+]  # fmt: skip
 """Tests of whole flights whose subject is not the plain form of the code, beside those of this folder."""
 
 
@@ -162,14 +150,9 @@ def _machine_code(request: pytest.FixtureRequest):
 
 
 DRAWN = {
-    "base/io/figures/test_flight.py",
-    "base/api/test_flight.py",
-    "report/test_flight.py",
-    "report/test_browser.py",
-    "test_library_page.py",
-    "test_notebook.py",
-    "test_pictures.py",
-}
+    "base/io/figures/test_flight.py", "base/api/test_flight.py", "report/test_flight.py",
+    "test_library_page.py", "test_notebook.py", "test_pictures.py",
+}  # fmt: skip
 """Tests whose subject is a figure or a page of a result folder: elsewhere these are empty files."""
 
 

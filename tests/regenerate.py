@@ -3,8 +3,6 @@
 Run from anywhere. A plan that can be read after all is named, and keeps its old file.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The tutorial's flight in two terminals, by its own command lines: the aeroplane in JSBSim beside `eadp replan`."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

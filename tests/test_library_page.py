@@ -1,7 +1,5 @@
 """Every block of docs/library.md is run, in order."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Every cell of docs/notebook.ipynb is run, in order."""
 
-from __future__ import annotations
-
 import ast
 import json
 

@@ -24,43 +24,23 @@ ROWS = {
 }
 NUMBERED = {
     "The letter": {
-        "Eq": range(1, 23),
-        "Fig": range(1, 7),
-        "Alg": range(1, 3),
-        "Def": ["II.1", "II.2", "II.3", "II.4", "II.5", "III.1", "III.2", "III.3"],
-        "Lem": ["III.1", "III.2", "III.3"],
-        "Pb": ["II.1", "II.2"],
+        "Eq": range(1, 23), "Fig": range(1, 7), "Alg": range(1, 3), "Lem": ["III.1", "III.2", "III.3"],
+        "Def": ["II.1", "II.2", "II.3", "II.4", "II.5", "III.1", "III.2", "III.3"], "Pb": ["II.1", "II.2"],
         "App": "ABC",
     },
     "Draft 002": {
-        "Eq": range(1, 18),
-        "Fig": range(1, 4),
-        "Def": ["II.1", "III.1"],
-        "Lem": ["II.1"],
-        "Asm": ["II.2"],
-        "Thm": ["III.1"],
-        "App": ["I", "II", "III", "IV"],
+        "Eq": range(1, 18), "Fig": range(1, 4), "Def": ["II.1", "III.1"], "Lem": ["II.1"], "Asm": ["II.2"],
+        "Thm": ["III.1"], "App": ["I", "II", "III", "IV"],
     },
     "Draft 003": {
-        "Eq": range(1, 13),
-        "Fig": range(1, 8),
-        "Def": ["II.1", "II.2", "IV.1", "IV.2"],
-        "Asm": ["II.1", "IV.1"],
-        "Prop": ["II.2"],
-        "Pb": ["II.1"],
-        "Lem": ["III.1"],
-        "Thm": ["IV.2"],
-        "App": ["I"],
+        "Eq": range(1, 13), "Fig": range(1, 8), "Def": ["II.1", "II.2", "IV.1", "IV.2"], "Asm": ["II.1", "IV.1"],
+        "Prop": ["II.2"], "Pb": ["II.1"], "Lem": ["III.1"], "Thm": ["IV.2"], "App": ["I"],
     },
     "Draft 004": {
-        "Eq": range(1, 15),
-        "Fig": range(1, 8),
-        "Def": ["II.1", "II.2", "IV.1"],
-        "Pb": ["II.1"],
-        "Lem": ["III.1"],
+        "Eq": range(1, 15), "Fig": range(1, 8), "Def": ["II.1", "II.2", "IV.1"], "Pb": ["II.1"], "Lem": ["III.1"],
         "App": ["I"],
     },
-}
+}  # fmt: skip
 """What each paper numbers."""
 
 PACKAGES = {path.name for path in (ROOT / "eadp").iterdir() if path.is_dir()}

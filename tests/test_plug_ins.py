@@ -143,11 +143,7 @@ def test_cells_are_drained_and_forecast_by_their_own_law(fast):
     compiled.enable(fast)
     law, ohm, capacity_ah = plug_in("batteries", "sodium"), 0.1, 0.55
     cells = {"battery.chemistry": "sodium", "battery.cells": 4, "battery.capacity_ah": capacity_ah}
-    held = {
-        "planner.name": "static",
-        "parameters.c1": -600.0,
-        "parameters.c2": 6.0,
-    }
+    held = {"planner.name": "static", "parameters.c1": -600.0, "parameters.c2": 6.0}
     flight = flown(**cells, **held, **{"battery.resistance_ohm": ohm, "time_limit_s": 1e4})
     columns = flight.columns
     soc, power_w = columns["soc"], columns["power_w"]

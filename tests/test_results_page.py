@@ -1,7 +1,5 @@
 """docs/results.md names what a flight's result folder holds: its files, columns and keys, no more and no fewer."""
 
-from __future__ import annotations
-
 import csv
 import itertools
 import json

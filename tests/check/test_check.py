@@ -1,7 +1,5 @@
 """Faults put into sound plans, each found with its size; sound plans without a finding."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What sympy proves of plans, against the check by value; the limits of its process."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
@@ -84,8 +82,7 @@ def test_the_direction_of_travel(directions, pair):
 
 
 @pytest.mark.parametrize(
-    "path",
-    few(["75*cos(c1)*x + 75*sin(c1)*y - 5625", "(x^2 + y^2 - 5625)*exp(c1)", "sqrt(x^2 + y^2) - 75"], 1),
+    "path", few(["75*cos(c1)*x + 75*sin(c1)*y - 5625", "(x^2 + y^2 - 5625)*exp(c1)", "sqrt(x^2 + y^2) - 75"], 1)
 )
 def test_identities_that_need_more_than_multiplying_out(path):
     assert prove_plan(plan(line(path, "75*cos(c1)", "75*sin(c1)")))[0].own == "0"
@@ -144,6 +141,5 @@ def test_a_broken_sympy_is_bad_input_not_a_bug(tmp_path, root, options):
     command = [sys.executable, "-c", code, "plan", "plans/survey.plan", *options]
     done = subprocess.run(command, capture_output=True, text=True, cwd=root, check=False)
     assert (done.returncode, done.stdout) == (2, "")
-    assert (
-        done.stderr == "eadp: error: sympy cannot be imported (no such thing); install it, as in: pip install sympy\n"
-    )
+    said = "sympy cannot be imported (no such thing); install it, as in: pip install sympy\n"
+    assert done.stderr == f"eadp: error: {said}"

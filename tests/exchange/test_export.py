@@ -1,7 +1,5 @@
 """Plans as missions and maps: read back they are the same path, and other software takes them."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -40,9 +38,8 @@ LANDING = f"%: altitude 60\n{LINES}%: altitude 0\n%: command 21 0 0 0 0 0 0 0\n0
 
 def path_of(plan, parameters=(), **options):
     given = {"altitude_m": 50.0, "airspeed_mps": 15.0, "tolerance_m": TOLERANCE_M} | options
-    return PlannedPath(
-        "a path", planned_sections(nominal_legs(plan, parameters)), plan.site.origin_deg or HOME, **given
-    )
+    sections = planned_sections(nominal_legs(plan, parameters))
+    return PlannedPath("a path", sections, plan.site.origin_deg or HOME, **given)
 
 
 def drawn(plan, origin, parameters=()):
@@ -126,9 +123,8 @@ def test_turns_of_px4_are_waypoints_within_the_tolerance(tolerance_m):
     assert mission["firmwareType"] == 12
     assert {item["command"] for item in mission["items"]} == {16, 20, 22}
     line = drawn(plan, HOME)
-    places = [
-        to_local_m(*item["params"][4:6], HOME) for item in mission["items"] if item["command"] in (16, 22)
-    ]  # the take-off, too
+    placed = [item["params"][4:6] for item in mission["items"] if item["command"] in (16, 22)]  # the take-off, too
+    places = [to_local_m(*place, HOME) for place in placed]
     off_m = [line.distance(shapely.Point(place)) for place in places]
     assert max(off_m) < tolerance_m + ROUNDED_M
     flown = shapely.LineString(places)
@@ -177,9 +173,8 @@ def pictured(radius_m, last=""):
     """Two lines of 300 m with pictures, and the half turn between them."""
     x = 2 * radius_m
     turn = f"0.0005; 270; (x - {radius_m})^2 + (y - 300)^2 - {radius_m}^2\n{x}, 300\n"
-    return read_plan(
-        Text("p", f"{ON}0.1; 90; x\n0, 300\n{OFF}{turn}{ON}0.1; 270; x - {x}\n{x}, 0\n{last and OFF + last}")
-    )[0]
+    text = f"{ON}0.1; 90; x\n0, 300\n{OFF}{turn}{ON}0.1; 270; x - {x}\n{x}, 0\n{last and OFF + last}"
+    return read_plan(Text("p", text))[0]
 
 
 @pytest.mark.parametrize("radius_m", [12, 20, 40, 120])
@@ -258,9 +253,8 @@ def test_a_landing_needs_its_slope_and_no_leave_to_do_without(down_m, slope_deg)
     steepest = wanted["FW_LND_ANG"]
     assert steepest.value == pytest.approx(slope_deg)
     assert steepest.difference("FW_LND_ANG", slope_deg + 1) == ""
-    assert steepest.difference("FW_LND_ANG", 2.0) == (
-        f"FW_LND_ANG is 2, less than {slope_deg:g}, so that the mission is not armed"
-    )
+    said = f"FW_LND_ANG is 2, less than {slope_deg:g}, so that the mission is not armed"
+    assert steepest.difference("FW_LND_ANG", 2.0) == said
 
 
 @pytest.mark.parametrize(("ardupilot", "altitude"), [(True, "RTL_ALTITUDE"), (False, "RTL_RETURN_ALT")])
@@ -400,19 +394,22 @@ def test_maps_and_tracks_lie_on_the_path():
     geometry = json.loads(EXPORTS["geojson"](path))["features"][0]["geometry"]
     assert geometry["type"] == "LineString"
     gpx = ET.fromstring(EXPORTS["gpx"](path))
-    from_gpx = [
-        (float(p.get("lon")), float(p.get("lat"))) for p in gpx.iter("{http://www.topografix.com/GPX/1/1}trkpt")
-    ]
+    tracked = gpx.iter("{http://www.topografix.com/GPX/1/1}trkpt")
+    from_gpx = [(float(point.get("lon")), float(point.get("lat"))) for point in tracked]
     for points in (from_kml, [point[:2] for point in geometry["coordinates"]], from_gpx):
         shown = shapely.LineString([to_local_m(lat, lon, HOME) for lon, lat in points])
         assert shapely.hausdorff_distance(shapely.segmentize(shown, STEP_M), line) < TOLERANCE_M + ROUNDED_M
 
 
-def test_a_flight_plan_of_paparazzi_has_its_structure():
-    plan, _ = read_plan(Text("p", LINES))
-    text = EXPORTS["paparazzi"](path_of(plan))
+@pytest.fixture
+def root():
+    """Paparazzi's flight plan of two lines and a half circle."""
+    text = EXPORTS["paparazzi"](path_of(read_plan(Text("p", LINES))[0]))
     assert text.count("<!DOCTYPE flight_plan SYSTEM") == 1
-    root = ET.fromstring(text)
+    return ET.fromstring(text)
+
+
+def test_a_flight_plan_of_paparazzi_has_its_structure(root):
     assert [each.tag for each in root] == ["header", "waypoints", "modules", "blocks"]
     assert {"lat0", "lon0", "max_dist_from_home", "ground_alt", "security_height", "alt"} < set(root.keys())
     names = {each.get("name") for each in root.iter("waypoint")}
@@ -421,11 +418,9 @@ def test_a_flight_plan_of_paparazzi_has_its_structure():
     assert len(root.findall(".//block")) == 4
 
 
-def test_gains_of_paparazzi_are_those_of_the_plan():
+def test_gains_of_paparazzi_are_those_of_the_plan(root):
     """The two fields, each from its own φ, point the same way near the path."""
     gain_line, gain_circle = 0.1, 0.0005
-    plan, _ = read_plan(Text("p", LINES))
-    root = ET.fromstring(EXPORTS["paparazzi"](path_of(plan)))
     values = {each.get("var"): float(each.get("value")) for each in root.iter("set")}
 
     def angle(value, gradient):
@@ -442,9 +437,7 @@ def test_gains_of_paparazzi_are_those_of_the_plan():
     assert directions == ["gvf_set_direction(1)"]  # clockwise
 
 
-def test_arcs_of_paparazzi_end_where_they_say():
-    plan, _ = read_plan(Text("p", LINES))
-    root = ET.fromstring(EXPORTS["paparazzi"](path_of(plan)))
+def test_arcs_of_paparazzi_end_where_they_say(root):
     calls = [call.get("until") for call in root.iter("call") if call.get("until")]
     assert len(calls) == 2
     angle = math.pi  # clockwise round (50, 300) from (0, 300)
@@ -483,10 +476,8 @@ def test_the_command_writes_every_format_at_the_parameters_given(eadp, tmp_path)
             assert out.read_text(encoding="utf-8").endswith("\n")
         lengths[c1] = drawn(READER(read_text(str(tmp_path / f"out{c1}.qgc")))[0], HOME).length
     assert lengths["-900"] < 0.6 * lengths["0"]
-    printed = eadp(
-        "export", "plans/survey.plan", "--to", "gpx", "--origin", "47,8", "--altitude", "60", "--set", "c1=0"
-    )
-    assert printed.out == (tmp_path / "out0.gpx").read_text(encoding="utf-8")
+    options = ("--to", "gpx", "--origin", "47,8", "--altitude", "60", "--set", "c1=0")
+    assert eadp("export", "plans/survey.plan", *options).out == (tmp_path / "out0.gpx").read_text(encoding="utf-8")
 
 
 def test_with_a_scenario_the_forecast_chooses(eadp):

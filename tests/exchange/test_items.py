@@ -1,7 +1,5 @@
 """The map of a mission's items to the stages of its plan, beside the plan's own legs and as a file."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """Missions of other software as plans: against geodesics, an interpreter of jumps, and faults at their places."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import json
@@ -97,16 +95,9 @@ def fault_of(content, reader=READER):
 
 def test_one_mission_in_both_formats_is_one_plan():
     items = [
-        item(22, 15, altitude=30),
-        waypoint(300, 0),
-        item(178, 0, 20),
-        waypoint(300, 300, altitude=80),
-        item(18, 2, 0, 70, east=0, north=500),
-        item(206, 25),
-        waypoint(-300, 200),
-        item(177, 2, 2),
-        item(20),
-    ]
+        item(22, 15, altitude=30), waypoint(300, 0), item(178, 0, 20), waypoint(300, 300, altitude=80),
+        item(18, 2, 0, 70, east=0, north=500), item(206, 25), waypoint(-300, 200), item(177, 2, 2), item(20),
+    ]  # fmt: skip
     first, found = read(wpl(*items))
     second, also = read(qgc(*items))
     assert [f.code for f in found] == [f.code for f in also] == []
@@ -189,9 +180,8 @@ def test_a_loiter_of_a_time_is_flown_at_the_airspeed():
 
 
 def test_a_loiter_to_an_altitude_lasts_as_long_as_the_climb():
-    plan, _ = read(
-        wpl(waypoint(300, 0, altitude=50), item(31, 0, 60, east=900, north=0, altitude=350), waypoint(2000, 0))
-    )
+    circle = item(31, 0, 60, east=900, north=0, altitude=350)
+    plan, _ = read(wpl(waypoint(300, 0, altitude=50), circle, waypoint(2000, 0)))
     circling = sum(leg.length_m for leg in nominal_legs(plan, ()) if leg.stage.kind == "circle")
     climb_s = (350 - 50) / READER.climb_rate_mps
     assert circling >= 15 * climb_s - 0.06 * 2 * math.pi * 60
@@ -356,10 +346,8 @@ def test_speeds_that_change_nothing_or_return_to_the_default():
 
 
 def test_version_120_has_no_row_of_home():
-    body = "QGC WPL 120\n" + "".join(
-        row(i, 16, east=x, north=y) for i, (x, y) in enumerate([(0, 0), (300, 0), (300, 300)])
-    )
-    plan, findings = read(body)
+    rows = [row(i, 16, east=x, north=y) for i, (x, y) in enumerate([(0, 0), (300, 0), (300, 300)])]
+    plan, findings = read("".join(["QGC WPL 120\n", *rows]))
     assert [finding.code for finding in findings] == ["no-home"]
     assert plan.stages[-1].item == "item 2"
 
@@ -544,9 +532,8 @@ def test_a_mission_is_simulated_with_turns_of_its_aircraft(eadp, mission):
     radius = 15**2 / GRAVITY_MPS2  # a bank of 45°
     assert summary["distance_m"] == pytest.approx(1600 - 3 * (2 - math.pi / 2) * radius, rel=0.015)
     assert summary["reason"] == "final point reached"
-    slow = eadp(
-        "simulate", mission, "--set", "vehicle.airframe.max_bank_deg=20", "--set", "step_s=0.05", "--format", "json"
-    )
+    given = ("--set", "vehicle.airframe.max_bank_deg=20", "--set", "step_s=0.05", "--format", "json")
+    slow = eadp("simulate", mission, *given)
     assert json.loads(slow.out)["distance_m"] < summary["distance_m"] - 20
     paper = eadp("simulate", mission, "--set", "vehicle.airframe.model=paper", "--set", "step_s=0.05")
     assert paper.code == 0

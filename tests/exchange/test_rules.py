@@ -29,17 +29,20 @@ def test_exports_of_the_presets_are_armed_or_it_is_said_what_to_set(eadp, tmp_pa
     assert px4_refuses(mission, required=0) == []
     assert ("MIS_TKO_LAND_REQ" in answer.err) == (not lands)
     if not lands:
-        (tmp_path / "s.yaml").write_text(
-            f"schema: eadp.scenario/1\nvehicle: {wing}\nautopilot: {{kind: px4, parameters: {{MIS_TKO_LAND_REQ: 0}}}}\n"
-        )
+        own = "{kind: px4, parameters: {MIS_TKO_LAND_REQ: 0}}"
+        (tmp_path / "s.yaml").write_text(f"schema: eadp.scenario/1\nvehicle: {wing}\nautopilot: {own}\n")
         answer = eadp("export", plan, "--to", "px4", "--scenario", tmp_path / "s.yaml", "-o", mission)
         assert "MIS_TKO_LAND_REQ" not in answer.err
 
 
 def test_a_steep_approach_is_refused_with_what_to_state_and_armed_with_that(eadp, tmp_path):
     plan, mission, scenario = tmp_path / "p.plan", tmp_path / "m.plan", tmp_path / "s.yaml"
-    wing = ROOT / "vehicles/foam-wing.yaml"
-    scenario.write_text(f"schema: eadp.scenario/1\nvehicle: {wing}\nautopilot: {{kind: ardupilot}}\n")
+
+    def state(autopilot):
+        wing = ROOT / "vehicles/foam-wing.yaml"
+        scenario.write_text(f"schema: eadp.scenario/1\nvehicle: {wing}\nautopilot: {autopilot}\n")
+
+    state("{kind: ardupilot}")
     given = ("cover", *FIELD, "--scenario", scenario, "--altitude", "80", "--landing", f"{PLACE},250")
     assert eadp(*given, "-o", plan).code == 0
     answer = eadp("export", plan, "--to", "px4", "-o", mission)
@@ -50,14 +53,12 @@ def test_a_steep_approach_is_refused_with_what_to_state_and_armed_with_that(eadp
     assert float(steep) > 5.1
     for to in ("ardupilot", "qgc"):
         assert eadp("export", plan, "--to", to, "-o", mission).code == 0
-    scenario.write_text(
-        f"schema: eadp.scenario/1\nvehicle: {wing}\nautopilot: {{kind: px4, parameters: {{FW_LND_ANG: {least}}}}}\n"
-    )
+    state(f"{{kind: px4, parameters: {{FW_LND_ANG: {least}}}}}")
     assert eadp("export", plan, "--to", "px4", "--scenario", scenario, "-o", mission).code == 0
     assert px4_refuses(mission) == [f"slope of {steep}°"]
     assert px4_refuses(mission, float(least)) == []
     # and what is planned for PX4 with its factory's value is armed
-    scenario.write_text(f"schema: eadp.scenario/1\nvehicle: {wing}\nautopilot: {{kind: px4}}\n")
+    state("{kind: px4}")
     assert eadp(*given, "-o", plan).code == 0
     assert eadp("export", plan, "--to", "px4", "-o", mission).code == 0
     assert px4_refuses(mission) == []

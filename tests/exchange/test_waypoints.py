@@ -1,7 +1,5 @@
 """Paths through waypoints and circles: continuous, near their targets, turning as told by geometry done another way."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What most tests of a link fly."""
 
-from __future__ import annotations
-
 import pytest
 from common.plans import placed_survey
 

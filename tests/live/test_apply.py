@@ -1,13 +1,12 @@
 """A file with computations as decided, for the process to watch."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil
 
 import pytest
 from common import ROOT
+from common.answers import refused
 
 from eadp.api.inputs import load_flight
 from eadp.live.replanner import ValuesFile
@@ -60,5 +59,4 @@ def test_it_is_written_where_values_change_and_a_failure_is_said_once(tmp_path):
 @pytest.mark.parametrize("path", ["", "plans", "/dev/null"])
 def test_a_path_that_is_no_file_is_refused(eadp, path):
     answer = eadp("replan", PLAN, "--scenario", SCENARIO, "--telemetry", EXAMPLE, "--publish", path)
-    assert (answer.code, answer.out) == (2, "")
-    assert "cannot be written" in answer.err
+    assert refused(answer, "cannot be written")

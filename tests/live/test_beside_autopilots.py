@@ -1,7 +1,5 @@
 """What an autopilot holds, flies and says, as ArduPlane and PX4 do: maps in force, refusals, pilots, returns."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -23,15 +21,12 @@ from eadp.live.mission import RestLayout, State
 @pytest.fixture(scope="module")
 def missions(plan, tmp_path_factory):
     """The mission of c1 = 0 for either autopilot: it takes off up to 50 m, and flies at 60 m."""
-    folder, made = tmp_path_factory.mktemp("mission"), {}
+    folder = tmp_path_factory.mktemp("mission")
+    paths = {ARDUPILOT: folder / "survey.waypoints", PX4: folder / "survey.plan"}
     options = ("--altitude", "60", "--home", "55.37,10.43", "--set", "c1=0", "-o")
-    for kind, to, name, items in (
-        (ARDUPILOT, "ardupilot", "survey.waypoints", wpl_items),
-        (PX4, "px4", "survey.plan", qgc_items),
-    ):
-        assert main(["export", str(plan), "--to", to, *options, str(folder / name)]) == 0
-        made[kind] = folder / name, items(folder / name)
-    return made
+    for to, path in zip(("ardupilot", "px4"), paths.values(), strict=True):
+        assert main(["export", str(plan), "--to", to, *options, str(path)]) == 0
+    return {ARDUPILOT: (paths[ARDUPILOT], wpl_items(paths[ARDUPILOT])), PX4: (paths[PX4], qgc_items(paths[PX4]))}
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +38,17 @@ def flown_by(kind, inputs, missions, flight=Flying, **given):
     flown = flight(inputs, missions[kind], kind=kind, **given)
     flown.holder.parameters = {"MIS_TKO_LAND_REQ": 0.0}
     return flown
+
+
+def ground(flown, seconds, *frames):
+    for second in seconds:
+        flown.now_s = float(second)
+        flown._give(flown.autopilot.heartbeat(armed=False, active=False))
+        flown._give(flown.holder.current_item)
+        for frame in frames:
+            flown._give(frame)
+        flown.flight.tick(flown.now_s)
+        flown._give(b"")
 
 
 BOTH = pytest.mark.parametrize("kind", [ARDUPILOT, PX4])
@@ -128,9 +134,8 @@ def test_the_map_of_what_was_sent_holds_from_its_acknowledgement_on(inputs, miss
     sent_s = flown.holder.sent_s
     new = {c1 for _, _, c1 in flown.seen} - {0.0}
     late_s = 1.1 if loses_end else 0.2  # after the next MISSION_CURRENT
-    unread = [
-        c1 for now_s, state, c1 in flown.seen if sent_s + late_s < now_s < sent_s + 4.4 if state is not State.HELD
-    ]
+    while_unread = (c1 for now_s, *c1 in flown.seen if sent_s + late_s < now_s < sent_s + 4.4)
+    unread = [c1 for state, c1 in while_unread if state is not State.HELD]
     assert len(unread) > 5
     assert set(unread) <= new
     assert any("uploaded and verified" in text for text in flown.said)
@@ -154,12 +159,7 @@ def test_an_empty_autopilot_is_no_other_mission(inputs, missions, lines, kind):
     """It is before a ground station has sent it; PX4 then has 65535 items, and the item of this number."""
     flown = flown_by(kind, inputs, missions)
     there, flown.holder.items = flown.holder.items, flown.holder.items[: flown.holder.first]
-    for second in range(25):
-        flown.now_s = float(second)
-        flown._give(flown.autopilot.heartbeat(armed=False, active=False))
-        flown._give(flown.holder.current_item)
-        flown.flight.tick(flown.now_s)
-        flown._give(b"")
+    ground(flown, range(25))
     assert not any("mission" in text for text in flown.said), flown.said
     flown.holder.items = there
     flown.fly(lines[:12])
@@ -183,17 +183,6 @@ def test_its_echo_is_no_report(inputs, missions, lines):
     detector = Autopilot(component=192)
     flown._give(detector.frame("named_value_float", 1, b"c2", 4.0))
     assert flown.flight._lines.heard.value("parameter c2", ages=False) == 4.0
-
-
-def ground(flown, seconds, *frames):
-    for second in seconds:
-        flown.now_s = float(second)
-        flown._give(flown.autopilot.heartbeat(armed=False, active=False))
-        flown._give(flown.holder.current_item)
-        for frame in frames:
-            flown._give(frame)
-        flown.flight.tick(flown.now_s)
-        flown._give(b"")
 
 
 def sent_later(flown, text):
@@ -327,10 +316,8 @@ def test_what_is_read_of_the_autopilot_counts_and_is_in_the_log(inputs, missions
     replanner.take = lambda reading: (lines.append(reading.line), take(reading))
     in_mode(flown, recorded()[:60], "mission")
     kinds = {ARDUPILOT: "ardupilot", PX4: "px4"}
-    assert [line["autopilot"] for line in lines if "autopilot" in line] == [
-        {"kind": kinds[kind]},
-        {"kind": kinds[kind], name: value},
-    ]
+    said = {"kind": kinds[kind]}
+    assert [line["autopilot"] for line in lines if "autopilot" in line] == [said, said | {name: value}]
     own = replanner._flight._flight.state.autopilot
     assert own.kind == kinds[kind]
     assert own.return_altitude_m(None) == 75
@@ -352,6 +339,3 @@ def test_the_end_of_a_plan_is_told_though_its_mission_is_over(inputs, missions):
     in_mode(flown, recorded()[20:21], "return")
     flown.flight._decided({**flown.decisions[-1], "reason": "final point reached"})
     assert flown.texts[-1] == "eadp: final point reached"
-
-
-# --- a recording of PX4

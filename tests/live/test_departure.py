@@ -1,7 +1,5 @@
 """Whether the plan is flown: by the mode, else by the distance from the path."""
 
-from __future__ import annotations
-
 import pytest
 
 from eadp.live.gate import FAR, Departure

@@ -1,7 +1,5 @@
 """The end of a plan: by how much it is passed, and what follows."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

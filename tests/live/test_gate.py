@@ -1,7 +1,5 @@
 """Clocks that jump and positions that cannot be are not used; late lines are not taken for a clock."""
 
-from __future__ import annotations
-
 import pytest
 
 from eadp.live.gate import CLOCK, FROZEN_S, MIN_AGREEING, MIN_BACK, OutlierGate

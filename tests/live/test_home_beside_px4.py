@@ -1,7 +1,5 @@
 """When to turn home, and the autopilot's own return: flights of PX4, replayed."""
 
-from __future__ import annotations
-
 import json
 import re
 

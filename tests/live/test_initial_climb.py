@@ -1,7 +1,5 @@
 """When a flight has reached its plan."""
 
-from __future__ import annotations
-
 import pytest
 
 from eadp.live.locator import MAX_S, STAYS_S, InitialClimb
@@ -37,11 +35,7 @@ def test_a_flight_in_the_air_flies_its_plan_at_once():
     [
         (take_off, 3 + 50 / 3 + STAYS_S, 3 + 60 / 3 + STAYS_S),
         # too fast is not near
-        (
-            lambda second: (27.0 if 3 < second < 40 else take_off(second)[0], take_off(second)[1]),
-            40 + STAYS_S,
-            40 + STAYS_S,
-        ),
+        (lambda s: (27.0 if 3 < s < 40 else take_off(s)[0], take_off(s)[1]), 40 + STAYS_S, 40 + STAYS_S),
         # another altitude that is held is near, too; along the runway it is not
         (lambda second: (take_off(second)[0], min(take_off(second)[1], 36.0)), 15, 35),
         (lambda second: (15.0 if second else 2.0, 0.2), MAX_S + 1, 200),

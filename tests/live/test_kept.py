@@ -1,7 +1,5 @@
 """What autopilots keep of items, beside missions that were sent to ArduPlane and PX4 and read back from them."""
 
-from __future__ import annotations
-
 import ast
 import itertools
 import json

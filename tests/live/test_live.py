@@ -1,31 +1,24 @@
-"""A planner on telemetry: the same stages and nearly the same decisions as in the simulation that was recorded."""
-
-from __future__ import annotations
+"""A planner on telemetry: its advice, what is reported of stages and parameters, and fixes that make no sense."""
 
 import itertools
 import math
 from dataclasses import replace
 
 import pytest
-from common import ROOT, few_rows
-from common.plans import STADIUM
+from common import ROOT
 from common.recorder import Recorder, watched
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.api.inputs import Files, load_flight
-from eadp.io.text.streams import Text
-from eadp.live.flight import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
-from eadp.live.gate import APPLY_S, AppliedParameters, OutlierGate
+from eadp.api.inputs import load_flight
+from eadp.live.flight import EMPTY, LiveFlight, _GroundVelocity
+from eadp.live.gate import APPLY_S, AppliedParameters
 from eadp.planning.base import Sample
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.registry import make_flight
 from eadp.simulation.loop import Outcome, fly
 
-EPOCH_S = 1.7e9
 STEP_S = 0.05
-NEAR_C1 = 40.0
-"""Moves the lines by 0.6 m."""
 
 
 def inputs_of(planner="joint", **overrides):
@@ -38,14 +31,12 @@ def inputs_of(planner="joint", **overrides):
 
 @pytest.fixture(scope="module")
 def recorded():
-    """The survey flown with the joint planner: the inputs, and all that it saw."""
-    inputs = inputs_of()
-    watching, outcome = watched(inputs, every_step=True), Outcome()
-    for _ in fly(inputs.world, watching, outcome):
+    """Four minutes of the survey with the joint planner: the inputs, and all that it saw."""
+    inputs, short = inputs_of(), inputs_of(time_limit_s=255)
+    watching = watched(short, every_step=True)
+    for _ in fly(short.world, watching, Outcome()):
         pass
-    recorder = watching.planner
-    assert outcome.completed
-    return inputs, recorder
+    return inputs, watching.planner
 
 
 def live(inputs):
@@ -57,91 +48,15 @@ def live(inputs):
     )
 
 
-def samples(seen, every, shift_s=0.0, keys=()):
+def samples(seen, every, keys=()):
     """Every so many observations and the last one, as telemetry with some of its optional keys."""
     for k, o in enumerate(seen, 1):
         if k % every == 0 or k == len(seen):
-            sample = Sample(o.time_s + shift_s, o.position_m, o.sample.power_w, o.soc)
-            # an autopilot's stage is the one being flown; a sample of the simulation has none
-            yield sample._replace(**{key: getattr(o if key == "stage" else o.sample, key) for key in keys})
-
-
-def changes(pairs):
-    """Times and values where the values change."""
-    result = []
-    for time_s, value in pairs:
-        if not result or value != result[-1][1]:
-            result.append((time_s, value))
-    return result
-
-
-def test_each_stage_ends_within_its_own_radius_on_telemetry_too():
-    plan = Text("stadium.plan", STADIUM.format(2, 40, 8, 30))
-    inputs = load_flight(plan.name, overrides={"step_s": 0.1}, files=Files({plan.name: plan}))
-    watching, outcome = watched(inputs, every_step=True), Outcome()
-    for _ in fly(inputs.world, watching, outcome):
-        pass
-    recorder = watching.planner
-    flight = live(inputs)
-    answers = [(sample.time_s, flight.update(sample)[0]) for sample in samples(recorder.seen, 1, keys=MEASURED)]
-    found = changes((time_s, advice.stage) for time_s, advice in answers if advice is not None)
-    flown = changes((o.time_s, o.stage) for o in recorder.seen)
-    assert [stage for _, stage in found] == [stage for _, stage in flown] == [1, 2, 3, 4]
-    assert [time_s for time_s, _ in found] == pytest.approx([time_s for time_s, _ in flown], abs=0.11)
+            sample = Sample(o.time_s, o.position_m, o.sample.power_w, o.soc)
+            yield sample._replace(**{key: getattr(o.sample, key) for key in keys})
 
 
 MEASURED = ("velocity_mps", "heading_rad")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("rate_hz", "keys", "shift_s"),
-    few_rows([(1, MEASURED, EPOCH_S), (0.5, MEASURED, 0), (5, ("stage",), 0), (1, (), 0)], 1),
-)
-def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
-    inputs, recorder = recorded
-    step_s = 1 / rate_hz
-    flight, gate = live(inputs), OutlierGate(inputs.mission.cruise_mps)
-    stages, decided = [], []
-    advice = None
-    for sample in samples(recorder.seen, round(step_s / STEP_S), shift_s, keys):
-        assert gate.accept(sample) == (sample, None)
-        answer, notices = flight.update(sample)
-        assert notices == ()
-        if answer is not None:
-            advice = answer
-            stages.append((sample.time_s - shift_s, advice.stage))
-            decided.append((sample.time_s - shift_s, tuple(advice.parameters.values())))
-    true_stages = changes((o.time_s, o.stage) for o in recorder.seen)
-    found_stages = changes(stages)
-    # the last stage may end before a line tells of it; and without a velocity, and so a wind, other parameters are
-    # decided, which the recorded flight does not take: it ends a little beside the path that is tracked
-    if "velocity_mps" not in keys or recorder.seen[-1].time_s - true_stages[-1][0] < step_s:
-        true_stages, found_stages = true_stages[:-1], found_stages[: len(true_stages) - 1]
-    assert [stage for _, stage in found_stages] == [stage for _, stage in true_stages]
-    late_s = [found - true for (found, _), (true, _) in zip(found_stages, true_stages, strict=True)]
-    # advice comes once a second at least; positions alone give no wind, and so another path, with other times
-    if keys:
-        assert all(-0.1 < late < max(step_s, 1.0) + 0.1 for late in late_s)
-    # first choices lie between plateaus of the staircase and differ with what is known; the last path parameter and
-    # the computations on the whole do not
-    true = changes((o.time_s, d.parameters) for o, d in zip(recorder.seen, recorder.decided, strict=True))
-    if "velocity_mps" in keys:
-        assert decided[-1][1][0] == pytest.approx(true[-1][1][0], abs=NEAR_C1)
-    assert mean_of(decided, 1) == pytest.approx(
-        mean_of([(t, c) for t, c in true], 1, recorder.seen[-1].time_s), abs=0.1
-    )
-    assert flight._tracker.complete
-    assert flight.forecast_completes
-    assert advice.reason == COMPLETED
-    assert (advice.ending.soc_end, advice.ending.completes_probability) == (recorder.seen[-1].soc, 1.0)
-
-
-def mean_of(pairs, index, end_s=None):
-    """Mean over time of a parameter that is held from each time to the next."""
-    times = [time_s for time_s, _ in pairs] + [end_s or pairs[-1][0]]
-    areas = [c[index] * (later - now) for (now, c), later in zip(pairs, times[1:], strict=True)]
-    return sum(areas) / (times[-1] - times[0])
 
 
 def test_the_ground_velocity_is_estimated_from_positions():
@@ -163,9 +78,8 @@ def test_the_ground_velocity_is_estimated_from_positions():
 def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
     inputs, recorder = recorded
     flight = live(inputs)
-    times = [
-        sample.time_s for sample in samples(recorder.seen[:600], 4, 0, MEASURED) if flight.update(sample)[0] is not None
-    ]
+    seen = samples(recorder.seen[:600], 4, MEASURED)
+    times = [sample.time_s for sample in seen if flight.update(sample)[0] is not None]
     assert times[0] == 0.2
     gaps = [later - now for now, later in itertools.pairwise(times)]
     assert max(gaps) < 1.01
@@ -348,13 +262,6 @@ def test_no_fixes_crash_it_and_advice_is_finite(planner, steps, near):
         numbers += advice.ending
         assert all(value is None or math.isfinite(value) for value in numbers)
         assert advice.reason
-
-
-def test_the_same_fixes_give_the_same_advice(recorded):
-    inputs, recorder = recorded
-    one, other = live(inputs), live(inputs_of())
-    for sample in samples(recorder.seen[:1200], 20, 0, MEASURED):
-        assert one.update(sample) == other.update(sample)
 
 
 def test_a_mission_without_a_start_starts_at_the_first_sample(recorded):

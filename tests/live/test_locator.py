@@ -1,7 +1,5 @@
 """The position in a plan: by reports, by triggers, and after a gap by position, course and time."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

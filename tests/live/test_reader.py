@@ -1,7 +1,5 @@
 """Lines of telemetry: read strictly, one warning for each invalid line, with its location."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -115,8 +113,6 @@ def test_without_an_origin_there_are_no_latitudes():
 
 
 HEAD = "<stdin>:7:"
-
-
 MISSING = "are missing; expected the keys time_s, x_m, y_m, power_w, soc"
 
 

@@ -1,7 +1,5 @@
 """A flight again, of an autopilot's own log, made here byte by byte."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
@@ -37,29 +35,21 @@ def px4(lines, items=()):
     times = [round((100 + line["time_s"]) * 1e6) for line in lines]
     places = [[round(v * 1e7) / 1e7 for v in to_geodetic_deg(each["x_m"], each["y_m"], ORIGIN)] for each in lines]
     amps = [round(100 * line["power_w"] / VOLTS) / 100 for line in lines]
+    charges = [round(each["soc"] * 100) / 100 for each in lines]
+    battery = [(t, VOLTS, a, -1.0, soc) for t, a, soc in zip(times, amps, charges, strict=True)]
+    motion = [(*each["velocity_mps"][::-1], math.radians(each["heading_deg"]), -25.0) for each in lines]
     end = times[-1] + 1_000_000
     return {
         "vehicle_status": ("QB", ("timestamp", "arming_state"), [(times[0] - 1, 2), (end, 1)]),
         "vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 1, 0), (end, 1)]),
         "mission_result": ("QH", ("timestamp", "seq_current"), list(zip(times, items, strict=False))),
-        "battery_status": (
-            "Qffff",
-            ("timestamp", "voltage_v", "current_a", "discharged_mah", "remaining"),
-            [
-                (t, VOLTS, a, -1.0, round(each["soc"] * 100) / 100)
-                for t, a, each in zip(times, amps, lines, strict=True)
-            ],
-        ),
+        "battery_status": ("Qffff", ("timestamp", "voltage_v", "current_a", "discharged_mah", "remaining"), battery),
         "wind": ("Qff", ("timestamp", "windspeed_north", "windspeed_east"), [(times[0], 3.0, -1.0)]),
         "airspeed_validated": ("Qf", ("timestamp", "true_airspeed_m_s"), [(times[0], 12.0)]),
         "vehicle_local_position": (
             "Qffff",
             ("timestamp", "vx", "vy", "heading", "z"),
-            [
-                (t, each["velocity_mps"][1], each["velocity_mps"][0], math.radians(each["heading_deg"]), -25.0)
-                for t, each in zip(times, lines, strict=True)
-            ]
-            + [(end, 0.0, 0.0, 0.0, 0.0)],
+            [*((t, *each) for t, each in zip(times, motion, strict=True)), (end, 0.0, 0.0, 0.0, 0.0)],
         ),
         "vehicle_global_position": (
             "Qdd",

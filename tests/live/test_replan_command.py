@@ -3,8 +3,6 @@
 The lines are those of scenarios/example-telemetry.jsonl, which tests/support/example_telemetry.py writes.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import re
@@ -14,6 +12,7 @@ import sys
 
 import pytest
 from common import ROOT, draws
+from common.answers import refused
 from common.processes import hear_interrupts
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -121,22 +120,14 @@ def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
 
 
 def test_lines_that_are_invalid_give_a_warning_and_are_skipped(replan, whole):
-    bad = [
-        b"not JSON\n",
-        b"\n",
-        b'\xff{"time_s": 1}\n',
-        b'{"time_s": 3}\n',
-        LINES[0],
-        LINES[2].replace(b'"time_s": ', b'"time_s": 1e999, "_": '),
-        b"[" * 3000 + b"\n",
-        b" " * 200_000 + b"\n",
-    ]
+    endless = LINES[2].replace(b'"time_s": ', b'"time_s": 1e999, "_": ')
+    bad = [b"not JSON\n", b"\n", b'\xff{"time_s": 1}\n', b'{"time_s": 3}\n', LINES[0], endless]
+    bad += [b"[" * 3000 + b"\n", b" " * 200_000 + b"\n"]
     code, advice, err = replan(b"".join([*LINES[:2], *bad, *LINES[2:60]]))
     assert (code, advice) == (0, whole[:60])
     emitted = err.splitlines()
-    assert [line.split(":")[:2] for line in emitted] == [
-        ["<stdin>", str(number)] for number in (3, 4, 5, 6, 7, 8, 8, 9, 10)
-    ]
+    numbers = [int(line.split(":")[1]) for line in emitted if line.startswith("<stdin>:")]
+    assert numbers == [3, 4, 5, 6, 7, 8, 8, 9, 10]
     assert all(line.split(":")[3] == " warning" for line in emitted)
 
 
@@ -155,9 +146,8 @@ def test_a_value_that_is_invalid_costs_that_value_alone(replan, whole, old, new,
     code, advice, err = replan(b"".join([*LINES[:2], LINES[2].replace(old, new), *LINES[3:30]]))
     assert code == 0
     assert [line["warnings"] for line in advice] == [[], [], warnings, *[[]] * 27]
-    assert [(line["time_s"], line["stage"]) for line in advice] == [
-        (line["time_s"], line["stage"]) for line in whole[:30]
-    ]
+    stages = [[(line["time_s"], line["stage"]) for line in lines] for lines in (advice, whole[:30])]
+    assert stages[0] == stages[1]
     assert all(line.startswith("<stdin>:3:") for line in err.splitlines())
 
 
@@ -168,9 +158,8 @@ def test_a_gap_gives_a_warning_and_is_flown_through(replan, whole):
     assert err.splitlines()[0] == "<stdin>:41:12: warning: a gap of 13 s; expected lines more often"
     # the recorded aircraft does not fly what is decided after the gap
     assert all("is not applied" in line for line in err.splitlines()[1:])
-    assert [(line["stage"], line["lap"]) for line in advice[-40:]] == [
-        (line["stage"], line["lap"]) for line in whole[110:150]
-    ]
+    places = [[(line["stage"], line["lap"]) for line in lines] for lines in (advice[-40:], whole[110:150])]
+    assert places[0] == places[1]
 
 
 @pytest.mark.parametrize(
@@ -187,10 +176,7 @@ def test_a_gap_gives_a_warning_and_is_flown_through(replan, whole):
 )
 def test_what_cannot_be_begun_is_exit_2(eadp, arguments, words):
     before = (ROOT / PLAN).read_bytes()
-    answer = eadp(*arguments)
-    assert (answer.code, answer.out) == (2, "")
-    assert words in answer.err
-    assert "Traceback" not in answer.err
+    assert refused(eadp(*arguments), words)
     assert (ROOT / PLAN).read_bytes() == before
 
 
@@ -351,9 +337,7 @@ def test_a_voltage_far_from_that_of_the_charge_is_warned_of_once(replan, whole):
         code, advice, err = replan(b"".join(told), "--set", "battery.voltage_empty_v=10")
         assert code in (0, 1)
         assert len(advice) == len(lines)
-        assert (
-            err.count(f"the voltage is far {said} that of the charge: another battery, or one that was not full") == 1
-        )
+        assert err.count(f"the voltage is far {said} that of the charge: another battery, or one that was") == 1
 
 
 def test_a_table_as_telemetry_is_one_line(replan):

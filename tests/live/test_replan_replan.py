@@ -1,6 +1,6 @@
 """Flights by `eadp replan` in a closed loop: disturbed telemetry, and an autopilot that does not apply parameters."""
 
-from __future__ import annotations
+import json
 
 import pytest
 from common import ROOT, few
@@ -29,12 +29,9 @@ def short_survey(**overrides):
     """Some laps of the survey, with a battery that does not last at the highest parameters."""
     body = (ROOT / "plans/survey.plan").read_text(encoding="utf-8").replace("175, 161", "95, 152")
     name = str(ROOT / "plans/short.plan")
-    return load_flight(
-        name,
-        scenario=str(ROOT / "scenarios/survey.yaml"),
-        overrides={"step_s": 0.05, "faults": [], "battery.capacity_ah": 0.26, **overrides},
-        files=Files({name: Text(name, body)}),
-    )
+    keys = {"step_s": 0.05, "faults": [], "battery.capacity_ah": 0.26, **overrides}
+    scenario = str(ROOT / "scenarios/survey.yaml")
+    return load_flight(name, scenario=scenario, overrides=keys, files=Files({name: Text(name, body)}))
 
 
 @pytest.fixture(scope="module")
@@ -77,10 +74,8 @@ HAND_S, FLOWN_BY_HAND_S, ITS_POWER_W = 72, 60, 150.0
 def lines():
     """The telemetry of an undisturbed flight whose battery suffices, with airspeeds."""
     seen = []
-    flown(
-        short_survey(**{"battery.capacity_ah": 0.4}),
-        Disturbance("seen", 0.0, through(lambda line: seen.append(line) or line)),
-    )
+    keeping = through(lambda line: seen.append(line) or line)
+    flown(short_survey(**{"battery.capacity_ah": 0.4}), Disturbance("seen", 0.0, keeping))
     return [{key: value for key, value in line.items() if key[0] != "_"} | {"airspeed_mps": 15.0} for line in seen]
 
 
@@ -90,18 +85,12 @@ def with_pilot(lines, *, modes):
     last, by_hand = before[-1], []
     for k in range(1, FLOWN_BY_HAND_S + 1):
         away_m = 20.0 * min(k, FLOWN_BY_HAND_S - k)
-        changed = {
-            "x_m": last["x_m"] + away_m,
-            "power_w": ITS_POWER_W,
-            "airspeed_mps": 20.0,
-            "soc": last["soc"] - 2e-3 * k,
-        }
-        by_hand.append(last | changed | {"time_s": last["time_s"] + k, "velocity_mps": None, "heading_deg": None})
-    used = 2e-3 * FLOWN_BY_HAND_S
+        changed = {"time_s": last["time_s"] + k, "x_m": last["x_m"] + away_m, "soc": last["soc"] - 2e-3 * k}
+        changed |= {"power_w": ITS_POWER_W, "airspeed_mps": 20.0, "velocity_mps": None, "heading_deg": None}
+        by_hand.append(last | changed)
     after = [
-        line | {"time_s": line["time_s"] + FLOWN_BY_HAND_S, "soc": line["soc"] - used}
-        for line in lines
-        if line["time_s"] > HAND_S
+        line | {"time_s": line["time_s"] + FLOWN_BY_HAND_S, "soc": line["soc"] - 2e-3 * FLOWN_BY_HAND_S}
+        for line in lines[len(before) :]
     ]
     if modes:
         before, after = ([line | {"flies_mission": True} for line in some] for some in (before, after))
@@ -159,18 +148,12 @@ def test_a_mission_that_is_taken_up_again_is_forecast_from_the_start_of_the_leg_
     assert left_s[1] > left_s[0] + 5
 
 
-def test_of_an_autopilot_that_returns_no_parameters_are_decided(lines):
+def test_of_an_autopilot_that_returns_no_parameters_are_decided():
     """Nor is the pilot asked to fly home, though the charge is gone."""
-    returning = [
-        line
-        | (
-            {"flies_mission": False, "returns_home": True, "soc": 0.06}
-            if line["time_s"] > 60
-            else {"flies_mission": True}
-        )
-        for line in lines[:110]
-    ]
-    answers = answered(returning)
+    example = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:110]
+    lines = [line | {"flies_mission": line["time_s"] <= 60} for line in map(json.loads, example)]
+    lines[60:] = [line | {"returns_home": True, "soc": 0.06} for line in lines[60:]]
+    answers = answered(lines)
     after = [answer for time_s, answer in answers.items() if time_s > 60]
     assert {each["reason"] for each in after} == {RETURNS}
     assert not any(each["returns_home"] for each in after)

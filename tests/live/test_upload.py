@@ -1,7 +1,5 @@
 """The rest of a mission, replaced in flight: by the protocol, beside the route that is left, and where it fails."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -476,10 +474,8 @@ def test_parameters_that_disagree_are_said_once(inputs, mission, lines, older):
     flown.holder.parameters = {**speed, "BATT_CAPACITY": mah, "ROLL_LIMIT_DEG": 45.0}
     flown.fly(lines)
     (said,) = [text for text in flown.said if "forecast does not hold" in text]
-    wanted = (
-        f"TRIM_ARSPD_CM is 1800, not {100 * cruise_mps:g}" if older else f"AIRSPEED_CRUISE is 18, not {cruise_mps:g}"
-    )
-    assert said == f"the forecast does not hold: {wanted}"
+    wanted = f"TRIM_ARSPD_CM is 1800, not {100 * cruise_mps:g}", f"AIRSPEED_CRUISE is 18, not {cruise_mps:g}"
+    assert said == f"the forecast does not hold: {wanted[not older]}"
     asked = flown.holder.kinds.count("PARAM_REQUEST_READ")
     assert asked <= 2 * ASKED * len(wanted_of(inputs))
     assert sum("forecast does not hold" in m.fields["text"] for m in flown.sent if m.kind == "STATUSTEXT") == 1

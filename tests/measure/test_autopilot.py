@@ -1,18 +1,11 @@
 """Autopilots' logs, made byte by byte here, as pyulog and pymavlink read them in a process with limits."""
 
-from __future__ import annotations
-
-import contextlib
 import importlib.util
-import io
 import os
 import random
 import struct
 import threading
-import warnings
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,39 +21,6 @@ pytest.importorskip("pyulog")
 pytest.importorskip("pymavlink")
 
 N = 40
-
-
-@pytest.fixture(autouse=True)
-def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Logs are read in this process, which takes a tenth of the time, where the process is not the subject."""
-    one, opened = importlib.import_module("eadp.measure.autopilot_process"), []
-
-    def kept_open(*given: Any) -> Any:
-        opened.append(open(*given))  # noqa: SIM115
-        return opened[-1]
-
-    def run(command: list[str], **_: Any) -> SimpleNamespace:
-        form, path, topics = command[-3:]
-        out = io.BytesIO()
-        try:
-            with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(io.StringIO()):
-                read = one._ulog(path, topics.split(",")) if form == "ulog" else None
-                np.savez(out, **(read or one._dataflash(form, path, topics.split(","))))
-        except Exception as error:
-            return SimpleNamespace(returncode=1, stderr=f"{type(error).__name__}: {error}".encode())
-        finally:
-            for file in opened:
-                file.close()
-        return SimpleNamespace(returncode=0, stdout=out.getvalue())
-
-    monkeypatch.setattr(messages.subprocess, "run", run)
-    monkeypatch.setattr("pymavlink.DFReader.open", kept_open, raising=False)  # it leaves its file to the collector
-
-
-@pytest.fixture
-def process(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The process that has limits."""
-    monkeypatch.undo()
 
 
 # a ULog
@@ -81,9 +41,8 @@ def ulog(instances: int = 1, unknown: tuple[int, ...] = (), current: float = 2.0
     parts.append(message("B", bytes(40)))
     parts.append(message("F", b"cell:float volt;uint16_t[2] id;"))
     parts.append(message("F", status.encode()))
-    parts.append(
-        message("F", b"vehicle_local_position:uint64_t timestamp;float x;float y;bool ok;uint8_t[7] _padding0;")
-    )
+    position = b"vehicle_local_position:uint64_t timestamp;float x;float y;bool ok;uint8_t[7] _padding0;"
+    parts.append(message("F", position))
     parts.append(message("I", struct.pack("<B", 13) + b"char[5] sys_name" + b"PX4!!"))
     for instance in range(instances):
         parts.append(message("A", struct.pack("<BH", instance, 3 + instance) + b"battery_status"))
@@ -271,13 +230,11 @@ def test_dataflash_text(tmp_path: Path) -> None:
 def test_dataflash_of_whole_numbers_is_in_hundredths(tmp_path: Path) -> None:
     body = text_log("CURR", "TimeMS,Volt,Curr,CurrTot", lead="").replace("Bfff", "Ihhf").replace("Qfff", "Ihhf")
     lines = [line.split(", ") for line in body.splitlines()]
-    old = [
-        ", ".join([*line[:2], f"{float(line[2]) * 100:.0f}", f"{float(line[3]) * 100:.0f}", *line[4:]])
-        if line[0] == "CURR" and len(line) > 4
-        else ", ".join(line)
-        for line in lines
-    ]
-    log = read_power_log(stored(tmp_path, "flight.log", "\n".join(old).replace("QBfff", "Ihhf") + "\n"))
+    for line in lines:
+        if line[0] == "CURR" and len(line) > 4:
+            line[2:4] = (f"{float(value) * 100:.0f}" for value in line[2:4])
+    old = "\n".join(map(", ".join, lines)).replace("QBfff", "Ihhf")
+    log = read_power_log(stored(tmp_path, "flight.log", f"{old}\n"))
     np.testing.assert_allclose(log.power_w, [2 * (15 + i / 8) for i in range(N)], rtol=1e-3)
 
 
@@ -287,9 +244,7 @@ def test_dataflash_text_is_told_from_a_table() -> None:
     assert not is_dataflash_text(b"FMT,power_w\n1,2\n")
 
 
-@pytest.mark.parametrize(
-    "data", [b"ULog\x01\x12\x35\x01\xff", HEAD, b"\xa3\x95\x80"], ids=["ulog", "ascii", "dataflash"]
-)
+@pytest.mark.parametrize("data", [b"ULog\x01\x12\x35\x01\xff", HEAD, b"\xa3\x95\x80"])
 def test_a_pipe_is_refused_with_what_to_do(tmp_path: Path, data: bytes) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -335,10 +290,8 @@ def test_memory_and_time_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyP
     changed(("400_000_000", "20_000_000"))
     with pytest.raises(InputError, match="cannot be read by pyulog"):
         read_power_log(file)
-    changed(
-        ("CPU_S, BYTES_PER_S = 10", "CPU_S, BYTES_PER_S = 1"),
-        ("    from pyulog", "    while True:\n        pass\n    from pyulog"),
-    )
+    endless = "    while True:\n        pass\n    from pyulog"
+    changed(("CPU_S, BYTES_PER_S = 10", "CPU_S, BYTES_PER_S = 1"), ("    from pyulog", endless))
     with pytest.raises(InputError, match="more memory or time than a log of its size"):
         read_power_log(file)
 

@@ -1,7 +1,5 @@
 """Bags of ROS 1 and 2, written by rosbags itself, and read as logs."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A battery from voltage and current: found where it is there, with errors that hold, and said where it is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import few

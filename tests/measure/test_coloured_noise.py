@@ -1,7 +1,5 @@
 """Likelihoods in coloured noise, against scipy's normal distribution and dense generalised least squares."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

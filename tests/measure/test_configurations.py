@@ -1,7 +1,5 @@
 """Configurations as options state them."""
 
-from __future__ import annotations
-
 import itertools
 from contextlib import suppress
 
@@ -37,10 +35,7 @@ def test_combinations_and_unions() -> None:
     assert values("fps=2,keysize=32", "keysize=448,fps=4", "fps=2,keysize=32") == [(2, 32), (4, 448)]
 
 
-@given(
-    st.lists(number, min_size=1, max_size=5, unique=True),
-    st.lists(number, min_size=1, max_size=5, unique=True),
-)
+@given(st.lists(number, min_size=1, max_size=5, unique=True), st.lists(number, min_size=1, max_size=5, unique=True))
 def test_combinations_are_the_product(first: list[float], second: list[float]) -> None:
     lists = [",".join(map(repr, each)) for each in (first, second)]
     assert values(f"a={lists[0]},b={lists[1]}") == list(itertools.product(first, second))
@@ -67,10 +62,7 @@ def test_stated_wrongly(raw: str, start: str) -> None:
     [
         ([], "--config:1:1: error: nothing to measure"),
         (["fps=2,keysize=32", "fps=4"], "--config:1:1: error: other parameters than before; expected values of fps, k"),
-        (
-            ["a=" + "1," * 98 + "1,b=" + "1," * 98 + "1"],
-            "--config:1:1: error: 9801 configurations; expected at most 10",
-        ),
+        (["a=" + "1," * 98 + "1,b=" + "1," * 98 + "1"], "--config:1:1: error: 9801 configurations; expected at"),
     ],
 )
 def test_what_cannot_be_measured(stated: list[str], start: str) -> None:
@@ -79,9 +71,6 @@ def test_what_cannot_be_measured(stated: list[str], start: str) -> None:
 
 @given(st.text(st.sampled_from("fps=2,:.-e[ ]k{}*_"), max_size=20))
 def test_any_text_is_read_or_refused(raw: str) -> None:
-    for call in (
-        parse_configuration,
-        lambda text: configurations_to_measure([text]),
-    ):
+    for call in (parse_configuration, lambda text: configurations_to_measure([text])):
         with suppress(InputError):
             call(raw)  # type: ignore[no-untyped-call]

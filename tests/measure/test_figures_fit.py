@@ -1,7 +1,5 @@
 """The picture of a fit is drawn, the same each time, with or without a period."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

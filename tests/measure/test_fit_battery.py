@@ -1,11 +1,10 @@
 """`eadp fit --battery`: a block that a scenario takes, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
+from common.answers import refused
 
 from eadp.core.flight import interpolated
 from eadp.measure.battery import CURVES_V
@@ -69,14 +68,11 @@ def test_what_cannot_be(eadp, flight, arguments, where):
 
 def test_a_capacity_that_the_log_exceeds(eadp, flight):
     answer = eadp("fit", flight, "--battery", "--capacity", "0.5", "--soc", "1")
-    assert answer.code == 2
-    assert "more than 1 of a capacity of 0.5 Ah" in answer.err
+    assert refused(answer, "more than 1 of a capacity of 0.5 Ah")
 
 
 def test_a_log_without_current(eadp):
-    answer = eadp("fit", "scenarios/example-power-log.csv", "--battery", "--capacity", "2")
-    assert answer.code == 2
-    assert "voltage" in answer.err
+    assert refused(eadp("fit", "scenarios/example-power-log.csv", "--battery", "--capacity", "2"), "voltage")
 
 
 def test_the_charge_at_the_start_needs_evidence(eadp, flight):
@@ -103,9 +99,7 @@ def test_a_count_and_a_voltage_that_disprove_what_is_given(eadp, flight):
         flight.write_text("\n".join([f"{lines[0]},discharged_mah", *count]) + "\n")
         answer = eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1")
         assert ("its count of the charge used rises by" in answer.err) is said
-    answer = eadp("fit", flight, "--battery", "--capacity", "1")
-    assert answer.code == 2
-    assert "--soc:1:1: error: nothing shows the charge" in answer.err
+    assert refused(eadp("fit", flight, "--battery", "--capacity", "1"), "--soc:1:1: error: nothing shows the charge")
     flight.write_text("\n".join(lines) + "\n")
     assert "far below" not in eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "--cells", "4").err
     answer = eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "--cells", "5")
@@ -120,5 +114,4 @@ def test_a_capacity_at_the_end_of_the_search_is_no_result(eadp, flight):
     rows = zip(t.tolist(), (open_v - 0.08 * amps).tolist(), amps.tolist(), strict=True)
     flight.write_text("time_s,voltage_v,current_a\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
     answer = eadp("fit", flight, "--battery", "--cells", "4", "--soc", "1")
-    assert (answer.code, answer.out) == (2, "")
-    assert "Ah, which the log uses, were more than the cells held" in answer.err
+    assert refused(answer, "Ah, which the log uses, were more than the cells held")

@@ -1,18 +1,16 @@
 """`eadp fit --vehicle`: logs of aeroplanes with closed forms, in three formats; what it writes flies."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math
 import re
-import struct
 import sys
 
 import numpy as np
 import pytest
 import yaml
 from common import ROOT
+from common.autopilot_logs import dataflash, ulog
 
 from eadp import fit_vehicle
 from eadp.io.text.streams import read_text
@@ -33,6 +31,9 @@ airframe: {mass_kg: 2, wing_area_m2: 0.45, aspect_ratio: 7.2, avionics_w: 4, max
 """
 
 
+SPEEDS = (12.0, 14.0, 16.0, 18.0)
+
+
 def flight(speeds):
     """Time, power, airspeed, bank, climb of `WING`, 5 readings a second."""
     rows, t = [], 0.0
@@ -49,9 +50,7 @@ def flight(speeds):
 def log(tmp_path):
     """Write a CSV of a flight at some airspeeds."""
 
-    def write(
-        speeds=(12.0, 14.0, 16.0, 18.0), header="time_s,power_w,airspeed_mps,bank_deg,climb_mps", of=lambda row: row
-    ):
+    def write(speeds=SPEEDS, header="time_s,power_w,airspeed_mps,bank_deg,climb_mps", of=lambda row: row):
         path = tmp_path / "log.csv"
         path.write_text("\n".join([header, *(",".join(f"{v:.6g}" for v in of(row)) for row in flight(speeds))]) + "\n")
         return path
@@ -133,10 +132,8 @@ def test_what_it_writes_flies(eadp, log, tmp_path):
     eadp("fit", log(speeds=(15.0,)), "--vehicle", "-o", vehicle)
     assert len(read_vehicle(read_text(str(vehicle))).airframe.points) == 1
     scenario.write_text(f"schema: eadp.scenario/1\nvehicle: {vehicle}\nbattery: {{capacity_ah: 9}}\nstep_s: 0.05\n")
-    flown = eadp(
-        "simulate", "plans/survey.plan", "--scenario", scenario, "--planner", "static", "--profile",
-        "profiles/pednet-jetson-nano.yaml", "--set", "c1=-900", "--format", "json",
-    )  # fmt: skip
+    given = ("--scenario", scenario, "--planner", "static", "--profile", "profiles/pednet-jetson-nano.yaml")
+    flown = eadp("simulate", "plans/survey.plan", *given, "--set", "c1=-900", "--format", "json")
     assert flown.code == 0
     summary = json.loads(flown.out)
     mean_w = 3600 * summary["energy_wh"] / summary["duration_s"]
@@ -183,10 +180,8 @@ def test_a_battery_beside(eadp, tmp_path):
         amps = float(np.roots([0.03, -open_v, watts]).min())
         used += amps * 0.2 / 3600
         rows.append((t, open_v - 0.03 * amps + 0.01 * rng.standard_normal(), amps, speed, bank, climb))
-    path.write_text(
-        "time_s,voltage_v,current_a,airspeed_mps,bank_deg,climb_mps\n"
-        + "\n".join(",".join(f"{v:.6g}" for v in row) for row in rows)
-    )
+    lines = [",".join(f"{v:.6g}" for v in row) for row in rows]
+    path.write_text("\n".join(["time_s,voltage_v,current_a,airspeed_mps,bank_deg,climb_mps", *lines]))
     assert 0.7 < used / 2.2 < 1
     out = tmp_path / "v.yaml"
     answer = eadp("fit", path, "--vehicle", "--battery", "--cells", "4", "--soc", "1", "-o", out, "--format", "json")
@@ -206,57 +201,37 @@ def test_bad_cells(eadp, log):
 # autopilots' logs
 
 
-def test_a_ulog(eadp, tmp_path):
-    pytest.importorskip("pyulog")
-
-    def message(kind, body):
-        return struct.pack("<HB", len(body), ord(kind)) + body
-
-    formats = (
-        b"battery_status:uint64_t timestamp;float voltage_v;float current_a;",
-        b"airspeed_validated:uint64_t timestamp;float true_airspeed_m_s;",
-        b"vehicle_attitude:uint64_t timestamp;float[4] q;",
-        b"vehicle_local_position:uint64_t timestamp;float x;float y;float vz;",
-    )
-    parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1), message("B", bytes(40))]
-    parts += [message("F", each) for each in formats]
-    for number, each in enumerate(formats):
-        parts.append(message("A", struct.pack("<BH", 0, number) + each.split(b":")[0]))
-    for t, watts, speed, bank, climb in flight((12.0, 15.0, 18.0)):
-        time_us, half = round(t * 1e6) + 1000, math.radians(bank) / 2
-        data = (
-            struct.pack("<Qff", time_us, 16.0, watts / 16),
-            struct.pack("<Qf", time_us, speed),
-            struct.pack("<Q4f", time_us, math.cos(half), math.sin(half), 0, 0),
-            struct.pack("<Qfff", time_us, 0, 0, -climb),
-        )
-        parts += [message("D", struct.pack("<H", number) + each) for number, each in enumerate(data)]
-    path = tmp_path / "log.ulg"
-    path.write_bytes(b"".join(parts))
-    assert_wing(json.loads(eadp("fit", path, "--vehicle", "--format", "json").out))
-
-
-def test_a_dataflash_log(eadp, tmp_path):
-    pytest.importorskip("pymavlink")
-    lines = [
-        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
-        "FMT, 1, 30, BAT, Qff, TimeUS,Volt,Curr",
-        "FMT, 2, 30, ARSP, Qf, TimeUS,Airspeed",
-        "FMT, 3, 30, ATT, Qf, TimeUS,Roll",
-        "FMT, 4, 30, XKF1, QBf, TimeUS,C,VD",
-    ]
-    for t, watts, speed, bank, climb in flight((12.0, 15.0, 18.0)):
-        us = round(t * 1e6) + 1000
-        lines += [
-            f"BAT, {us}, 16.0, {watts / 16:.6f}",
-            f"ARSP, {us}, {speed}",
-            f"ATT, {us}, {bank}",
-            f"XKF1, {us}, 0, {-climb}",
-            f"XKF1, {us}, 1, 99",
-        ]
-    path = tmp_path / "log.log"
-    path.write_text("\n".join(lines) + "\n")
-    assert_wing(json.loads(eadp("fit", path, "--vehicle", "--format", "json").out))
+@pytest.mark.parametrize("made", [ulog, dataflash])
+def test_an_autopilots_log(eadp, tmp_path, made):
+    pytest.importorskip("pyulog" if made is ulog else "pymavlink")
+    rows = [(round(t * 1e6) + 1000, *row) for t, *row in flight((12.0, 15.0, 18.0))]
+    currents = [(us, 16.0, watts / 16) for us, watts, *_ in rows]
+    speeds = [(us, speed) for us, _, speed, *_ in rows]
+    if made is ulog:
+        halves = [(us, math.radians(bank) / 2) for us, _, _, bank, _ in rows]
+        turns = [(us, math.cos(half), math.sin(half), 0, 0) for us, half in halves]
+        tables = {
+            "battery_status": ("Qff", ("timestamp", "voltage_v", "current_a"), currents),
+            "airspeed_validated": ("Qf", ("timestamp", "true_airspeed_m_s"), speeds),
+            "vehicle_attitude": ("Qffff", ("timestamp", *(f"q[{i}]" for i in range(4))), turns),
+            "vehicle_local_position": ("Qff", ("timestamp", "x", "vz"), [(us, 0, -up) for us, *_, up in rows]),
+        }
+    else:
+        climbs = [(us, k, 99 if k else -up) for us, *_, up in rows for k in (0, 1)]
+        tables = {
+            "BAT": ("Qff", ("TimeUS", "Volt", "Curr"), currents),
+            "ARSP": ("Qf", ("TimeUS", "Airspeed"), speeds),
+            "ATT": ("Qf", ("TimeUS", "Roll"), [(us, bank) for us, _, _, bank, _ in rows]),
+            "XKF1": ("QBf", ("TimeUS", "C", "VD"), climbs),
+        }
+    path = tmp_path / "log"
+    path.write_bytes(made(tables))
+    power = json.loads(eadp("fit", path, "--vehicle", "--format", "json").out)["power"]
+    assert power["level_w"][0][1] == pytest.approx(WING.level_power_w(12.0), rel=0.01)
+    assert power["level_w"][-1][1] == pytest.approx(WING.level_power_w(18.0), rel=0.01)
+    rise = WING.level_power_w(15.0, math.pi / 4) - WING.level_power_w(15.0)
+    assert power["bank_w"] == pytest.approx(rise, rel=0.03)
+    assert power["climb_w_per_mps"] == pytest.approx(WING.weight_n / 0.5, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -278,15 +253,6 @@ def test_airspeeds_of_logs_become_true(tables):
     found = autopilot_motion(Tables(columns), times)
     assert found[AIRSPEED] == pytest.approx(np.full(4, 15.0), rel=1e-3)
     assert found[DENSITY] == pytest.approx(np.full(4, 1.0065), rel=1e-3)
-
-
-def assert_wing(document):
-    power = document["power"]
-    assert power["level_w"][0][1] == pytest.approx(WING.level_power_w(12.0), rel=0.01)
-    assert power["level_w"][-1][1] == pytest.approx(WING.level_power_w(18.0), rel=0.01)
-    rise = WING.level_power_w(15.0, math.pi / 4) - WING.level_power_w(15.0)
-    assert power["bank_w"] == pytest.approx(rise, rel=0.03)
-    assert power["climb_w_per_mps"] == pytest.approx(WING.weight_n / 0.5, rel=0.02)
 
 
 # the independent plant

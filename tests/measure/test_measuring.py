@@ -1,7 +1,5 @@
 """The measuring loop in made-up time with a made-up sensor, and one real command with a child of its own."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -67,7 +65,7 @@ class Board:
         self.file.write_text(str(round(1e6 * power_w)), encoding="ascii")
 
     @contextmanager
-    def launch(self, arguments: Sequence[str], clock: object) -> Iterator[Board]:
+    def launch(self, arguments: Sequence[str], clock: object) -> Iterator["Board"]:
         assert clock is self
         assert self.began is None, "one at a time"
         self.events.append(f"start {' '.join(arguments)}")
@@ -112,14 +110,8 @@ def noisy(deviation_w: float) -> Callable[[float, float], float]:
 
 
 def run(board: Board, configurations: Sequence[Configuration], **settings: float) -> list:
-    return measure(
-        ["detect", "{fps}"],
-        configurations,
-        board.sensor,
-        MeasurementSettings(**settings),
-        board,
-        board.launch,  # type: ignore[arg-type]
-    )
+    given = ["detect", "{fps}"], configurations, board.sensor, MeasurementSettings(**settings)
+    return measure(*given, board, board.launch)
 
 
 def test_each_configuration_is_run_and_its_warm_up_dropped(board: Callable[..., Board]) -> None:
@@ -187,13 +179,8 @@ def test_a_sensor_that_fails_ends_the_command(board: Callable[..., Board]) -> No
 
 def test_places_in_the_command() -> None:
     configuration = Configuration(("fps", "scale"), ("", ""), (2.0, 0.5))
-    assert fill_placeholders(["a", "--rate={fps}", "{scale}x{fps}", "{other}", "{}"], configuration) == [
-        "a",
-        "--rate=2",
-        "0.5x2",
-        "{other}",
-        "{}",
-    ]
+    filled = fill_placeholders(["a", "--rate={fps}", "{scale}x{fps}", "{other}", "{}"], configuration)
+    assert filled == ["a", "--rate=2", "0.5x2", "{other}", "{}"]
     check_command(["a", "x{fps}"], ["fps"])
     with pytest.raises(InputError, match=r"the command does not use scale; expected \{scale\} in one"):
         check_command(["a", "{fps}"], ["fps", "scale"])

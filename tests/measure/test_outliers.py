@@ -1,7 +1,5 @@
 """Spikes: found where they were put, and nowhere else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """A log, a part of it, a prior and the computations' power put together, and the faults that name their file."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The power of an aeroplane from a log: closed forms, standard errors in gusts, what is missing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Power logs: what is read, what is left out with a warning, what is refused and where."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -106,9 +104,7 @@ def test_times_without_a_unit_have_the_steps_of_a_log_of_px4(step: int, refused:
     if not refused:
         parse(body)
         return
-    with pytest.raises(
-        InputError, match=r"log.csv:1:1: error: a row every .* s, if timestamp is in µs; expected a name such as time_s"
-    ):
+    with pytest.raises(InputError, match=r"log.csv:1:1: error: a row every .* s, if timestamp is in µs; expected a na"):
         parse(body)
 
 
@@ -118,12 +114,9 @@ def test_other_separators(mark: str) -> None:
     np.testing.assert_array_equal(parse(body.replace(",", mark)).power_w, parse(body).power_w)
 
 
-def test_a_date_is_named() -> None:
+def test_a_date_and_a_battery_are_named() -> None:
     with pytest.raises(InputError, match="2024-05-01 is a date; expected a number, of a time in seconds"):
         parse("time_s,power_w\n2024-05-01,5\n")
-
-
-def test_a_table_has_no_batteries() -> None:
     with pytest.raises(InputError, match="--instance:1:1: error: a table has no batteries"):
         parse("time_s,power_w\n1,5\n", instance=0)
 
@@ -131,11 +124,7 @@ def test_a_table_has_no_batteries() -> None:
 @pytest.mark.parametrize(
     ("header", "columns", "fault"),
     [
-        (
-            "time,power_w",
-            {},
-            "1:1: error: time has no unit of time; expected a name such as time_s, or --time-unit s|ms|us",
-        ),
+        ("time,power_w", {}, "1:1: error: time has no unit of time; expected a name such as time_s, or --time-unit s"),
         ("time_parsec,power_w", {}, "1:1: error: no column for the time; expected time_s, or --time NAME"),
         ("time_s,power", {}, "1:8: error: power has no unit of power; expected a name such as power_w"),
         ("time_s,m", {"power": ["m"]}, "1:8: error: m has no unit of power; expected --power 'm [W]', or 'm [mW]'"),
@@ -172,9 +161,7 @@ def test_autopilots_say_unknown_by_minus_one_and_zero() -> None:
 
 
 def test_a_power_of_no_such_aircraft_is_refused() -> None:
-    with pytest.raises(
-        InputError, match=r"a mean power of 4\.05e\+06 W \(mean of the columns: voltage_v 1500, current_a 2700"
-    ):
+    with pytest.raises(InputError, match=r"4\.05e\+06 W \(mean of the columns: voltage_v 1500, current_a 2700"):
         parse(table("timestamp,voltage_v,current_a", "{i}000000,1500,2700"))
 
 
@@ -249,14 +236,8 @@ def test_a_clock_set_back_keeps_the_longest_run() -> None:
 def test_what_was_left_out_is_counted() -> None:
     log = parse(rows("30,", "31,nan", "31,5", "31,6", "30.5,1", "90,1", "34", "135,30"))
     assert log.counts == {
-        "rows": N + 8,
-        "empty": 2,
-        "not_finite": 1,
-        "late": 1,
-        "repeated": 1,
-        "gaps": 3,
-        "longest_gap_s": 59.0,
-    }
+        "rows": N + 8, "empty": 2, "not_finite": 1, "late": 1, "repeated": 1, "gaps": 3, "longest_gap_s": 59.0,
+    }  # fmt: skip
     assert parse(rows()).counts == {"rows": N}
 
 

@@ -1,7 +1,5 @@
 """Power sensors in a made-up sysfs: found, named, chosen and read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from eadp.measure.power_sensor import Meter, Sensor, choose_sensor, find_sensors
 
 Tree = Callable[[dict[str, object]], str]
 
+ZONE = "class/powercap/intel-rapl"
 RAPL = {
     "class/powercap/intel-rapl/enabled": 1,
     "class/powercap/intel-rapl:0/name": "package-0",
@@ -24,15 +23,11 @@ RAPL = {
     "class/powercap/intel-rapl:0:0/max_energy_range_uj": 5_000_000,
 }
 JETSON = {
-    "class/hwmon/hwmon3/name": "ina3221",
-    "class/hwmon/hwmon3/in1_input": 5000,
-    "class/hwmon/hwmon3/curr1_input": 1200,
-    "class/hwmon/hwmon3/in1_label": "VDD_IN",
-    "class/hwmon/hwmon3/in2_input": 4900,
-    "class/hwmon/hwmon3/curr2_input": 300,
-    "class/hwmon/hwmon3/in2_label": "VDD_CPU",
+    "class/hwmon/hwmon3/name": "ina3221", "class/hwmon/hwmon3/in1_input": 5000, "class/hwmon/hwmon3/curr1_input": 1200,
+    "class/hwmon/hwmon3/in1_label": "VDD_IN", "class/hwmon/hwmon3/in2_input": 4900,
+    "class/hwmon/hwmon3/curr2_input": 300, "class/hwmon/hwmon3/in2_label": "VDD_CPU",
     "class/hwmon/hwmon3/in7_input": 4900,
-}
+}  # fmt: skip
 CHIP = {"class/hwmon/hwmon1/name": "amdgpu", "class/hwmon/hwmon1/power1_average": 7_250_000}
 CELL = {
     "class/power_supply/BAT0/type": "Battery",
@@ -69,13 +64,9 @@ def fault_of(root: str, wanted: str = "") -> list[str]:
 def test_all_kinds_are_found_in_their_order(tree: Tree) -> None:
     root = tree({**RAPL, **CELL, **CHIP, **JETSON})
     assert [sensor.label for sensor in find_sensors(root)] == [
-        "ina3221:ina3221/VDD_IN",
-        "ina3221:ina3221/VDD_CPU",
-        "hwmon:amdgpu/power1",
-        "powercap:package-0",
-        "powercap:core",
-        "power_supply:BAT0",
-    ]
+        "ina3221:ina3221/VDD_IN", "ina3221:ina3221/VDD_CPU", "hwmon:amdgpu/power1", "powercap:package-0",
+        "powercap:core", "power_supply:BAT0",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -84,10 +75,7 @@ def test_all_kinds_are_found_in_their_order(tree: Tree) -> None:
         ({**RAPL, **JETSON}, "ina3221:ina3221/VDD_IN"),
         ({**RAPL, **CHIP}, "hwmon:amdgpu/power1"),
         ({**RAPL, "class/powercap/intel-rapl-mmio:0/energy_uj": 1}, "powercap:package-0"),
-        (
-            {**RAPL, "class/powercap/intel-rapl:1/name": "psys", "class/powercap/intel-rapl:1/energy_uj": 1},
-            "powercap:psys",
-        ),
+        ({**RAPL, "class/powercap/intel-rapl:1/name": "psys", f"{ZONE}:1/energy_uj": 1}, "powercap:psys"),
         ({**CELL, "class/hwmon/hwmon0/name": "x", "class/hwmon/hwmon0/power1_input": "ENODATA"}, "power_supply:BAT0"),
     ],
 )
@@ -95,15 +83,7 @@ def test_the_whole_of_the_first_kind_is_chosen(tree: Tree, files: dict[str, obje
     assert choose_sensor(tree(files)).label == label
 
 
-@pytest.mark.parametrize(
-    "wanted",
-    [
-        "powercap:core",
-        "class/powercap/intel-rapl:0:0",
-        "class/powercap/intel-rapl:0:0/energy_uj",
-        "{root}/class/powercap/intel-rapl:0:0",
-    ],
-)
+@pytest.mark.parametrize("wanted", ["powercap:core", f"{ZONE}:0:0", f"{ZONE}:0:0/energy_uj", f"{{root}}/{ZONE}:0:0"])
 def test_a_sensor_by_name_or_path(tree: Tree, wanted: str) -> None:
     root = tree({**RAPL, **JETSON})
     assert choose_sensor(root, wanted.format(root=root)).label == "powercap:core"
@@ -144,12 +124,7 @@ def test_a_sensor_that_cannot_be_read_is_told(tree: Tree) -> None:
 
 @pytest.mark.parametrize(
     ("files", "power_w"),
-    [
-        (JETSON, 6.0),
-        (CHIP, 7.25),
-        (CELL, 30.0),
-        ({"class/power_supply/BAT1/power_now": 9_500_000}, 9.5),
-    ],
+    [(JETSON, 6.0), (CHIP, 7.25), (CELL, 30.0), ({"class/power_supply/BAT1/power_now": 9_500_000}, 9.5)],
 )
 def test_powers(tree: Tree, files: dict[str, object], power_w: float) -> None:
     meter = Meter(choose_sensor(tree(files)), still)
@@ -157,10 +132,7 @@ def test_powers(tree: Tree, files: dict[str, object], power_w: float) -> None:
     assert meter.power_w() == pytest.approx(power_w)
 
 
-@given(
-    st.integers(1_000, 10**12),
-    st.lists(st.tuples(st.floats(0.05, 5), st.floats(0, 1)), min_size=1, max_size=20),
-)
+@given(st.integers(1_000, 10**12), st.lists(st.tuples(st.floats(0.05, 5), st.floats(0, 1)), min_size=1, max_size=20))
 def test_a_counter_gives_back_the_energy_that_went_in(
     tmp_path_factory: pytest.TempPathFactory, largest: int, steps: list
 ) -> None:

@@ -1,11 +1,10 @@
 """What programs record of a computer's power: the board's power, or a question, and never another's."""
 
-from __future__ import annotations
-
 import json
 import statistics
 
 import pytest
+from common.answers import refused
 
 from eadp.errors import InputError
 from eadp.io.text.streams import Text
@@ -110,9 +109,7 @@ def test_recordings_make_a_profile(eadp, tmp_path):
     answer = eadp("profile", *logs, "--config", "fps=1", "--config", "fps=5", "--at", "fps=3")
     assert answer.code == 0
     assert "fps=3: 5.0" in answer.out
-    answer = eadp("profile", *logs)
-    assert answer.code == 2
-    assert "--config fps=2 --config fps=10" in answer.err
+    assert refused(eadp("profile", *logs), "--config fps=2 --config fps=10")
     fitted = eadp("fit", logs[0], "--format", "json")
     assert abs(json.loads(fitted.out)["mean_w"] - statistics.fmean(4 + i / 1000 for i in range(20))) < 0.01
 
@@ -132,9 +129,7 @@ def test_parameters_are_named_or_asked_for(eadp, tmp_path):
     table = tmp_path / "results.csv"
     table.write_text("model,fps,keysize,POM_5V_IN (mW),POM_5V_GPU (mW)\n" + "yolo,2,32,5000,900\nyolo,4,32,6000,900\n")
     answer = eadp("profile", table)
-    assert answer.code == 2
-    assert "3 columns beside the power: model, fps, keysize; expected" in answer.err
-    assert "--of fps,keysize" in answer.err
+    assert refused(answer, "3 columns beside the power: model, fps, keysize; expected", "--of fps,keysize")
     assert "fps=3: 5.5 W" in eadp("profile", table, "--of", "fps", "--at", "fps=3").out
     table.write_text("fps,POM_5V_IN,POM_5V_GPU\n2,5000,900\n4,6000,950\n")
     assert "fps=3: 5.5 W" in eadp("profile", table, "--at", "fps=3").out

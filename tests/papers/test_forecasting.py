@@ -1,7 +1,5 @@
 """Steps of the forecast's model against expm and van Loan, and of the disturbance."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

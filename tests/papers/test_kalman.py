@@ -1,7 +1,5 @@
 """One step of the filter against the textbook's forms, the information form and least squares."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -71,9 +69,6 @@ def test_a_sure_reading_after_a_vague_prior_stays_positive(prior):
         state, covariance = update(state, covariance, rng.standard_normal(3), 1.0, 1e-6)
         assert smallest_eigenvalue(covariance) >= -1e-15 * prior
         assert covariance == pytest.approx(covariance.T, rel=1e-6, abs=1e-15 * prior)
-
-
-# --- many readings ----------------------------------------------------------------------------------------------------
 
 
 # --- prediction -------------------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Planner `paper`: faults of its settings, the share that the time allows, and where a sum crosses a value."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

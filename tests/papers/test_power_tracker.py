@@ -1,7 +1,5 @@
 """The power of a flight: as an estimator that takes all as it comes has it, whenever it is asked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import ROOT, few

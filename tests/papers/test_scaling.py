@@ -1,7 +1,5 @@
 """Scaling factors against the straight line through the two ends, and against the published survey."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """A page: self-contained, and its data are data."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -13,15 +11,8 @@ from eadp.errors import InputError
 from eadp.io.page import check_page, data_json, page_html
 
 NASTY = [
-    "</script><script>alert(1)</script>",
-    "<!--<script>",
-    "a & b",
-    "\u2028\u2029",
-    "{{scripts}}",
-    "\ud800",
-    "]]>",
-    "é",
-]
+    "</script><script>alert(1)</script>", "<!--<script>", "a & b", "\u2028\u2029", "{{scripts}}", "\ud800", "]]>", "é",
+]  # fmt: skip
 
 
 def test_data_come_back_as_they_were_and_cannot_end_their_block():

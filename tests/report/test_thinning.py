@@ -1,7 +1,5 @@
 """Series of a page, at fewer times than were logged."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 The class of the extension itself is changed, so that a solver of any age shows the fault, whatever calls it.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace

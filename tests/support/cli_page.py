@@ -1,7 +1,5 @@
 """docs/cli.md from the help of the commands: python tests/support/cli_page.py > docs/cli.md"""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

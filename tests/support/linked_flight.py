@@ -1,7 +1,5 @@
 """A recorded flight over a link, without a socket, with an autopilot that holds a mission; time goes on by messages."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A recorded flight as the messages of an autopilot, encoded by pymavlink alone."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

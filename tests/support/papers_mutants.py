@@ -7,8 +7,6 @@ process of its own, forked from one that has the libraries, and in plain Python,
 mutation and verdict; WORDS choose rows.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import re

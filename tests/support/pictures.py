@@ -5,8 +5,6 @@
 The picture of an aircraft's power is that of docs/aircraft.md.
 """
 
-from __future__ import annotations
-
 import shlex
 import shutil
 import tempfile
@@ -73,9 +71,8 @@ def speed_to_fly(made: Path) -> Path:
     paces, _ = planner._places.paces(known, here)
     alone = [planner._places.evaluate(known, [here], pace)[1] for pace in paces]
     by_pace = [at.forecast(at.filled()) for at in alone if at is not None]
-    held = [
-        ending(**{"planner.joint.airspeed": "fixed", "vehicle.airframe.airspeed_mps": v}) for v in (15, 14, 13, 12, 11)
-    ]
+    fixed = {"planner.joint.airspeed": "fixed"}
+    held = [ending(**fixed, **{"vehicle.airframe.airspeed_mps": v}) for v in (15, 14, 13, 12, 11)]
     packs = [1.4, 1.5, 1.6]
     chosen = [ending(**{"vehicle.battery.capacity_ah": pack}) for pack in packs]
     with figure_file(str(made), 7.0, 4.0) as figure:

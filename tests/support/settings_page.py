@@ -1,7 +1,5 @@
 """docs/scenario.md from the schemas and the cameras: python tests/support/settings_page.py > docs/scenario.md"""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator

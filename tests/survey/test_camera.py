@@ -1,7 +1,5 @@
 """Cameras: the ground in a picture, and how quickly pictures follow one another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """A field divided among sorties: every metre of line once, the fewest sorties by brute force."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

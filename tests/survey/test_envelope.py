@@ -1,7 +1,5 @@
 """How far polygons reach in strips, beside shapely's own intersections."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

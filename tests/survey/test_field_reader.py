@@ -1,7 +1,5 @@
 """Fields: what is read and what is mended, and every refusal with its feature's line."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -233,33 +231,21 @@ def test_an_unknown_system_asks_for_metres(crs, named_so):
     assert field_of(collection).outline == BOX
 
 
-def test_web_mercator_is_not_in_metres():
-    body = polygon([*BOX, BOX[0]], crs=named("EPSG:3857"))
-    fault = "7:12: error: the reference system EPSG:3857 is not read; expected degrees, as by ogr2ogr -t_srs EPSG:4326 "
-    assert fault_of(body, metres=True) == fault + "field.geojson f"
-
-
 @pytest.mark.parametrize(
     ("body", "options", "fault"),
     [
+        (polygon([(10.43, 55.37), (10.44, 55.37), (10.43, 55.38)]), {"metres": True}, "1 m² or more, or no --metres"),
+        # Web Mercator is not in metres
         (
-            polygon([(10.43, 55.37), (10.4316, 55.37), (10.43, 55.3707)]),
+            polygon(BOX, crs=named("EPSG:3857")),
             {"metres": True},
-            "1 m² or more, or no --metres",
+            "the reference system EPSG:3857 is not read; expected",
         ),
-        (
-            polygon([(x + 550_000, y) for x, y in BOX]),
-            {},
-            "longitude 550000, latitude 0; expected longitude within ±180 ",
-        ),
+        (polygon([(x + 550_000, y) for x, y in BOX]), {}, "longitude 550000, latitude 0; expected longitude within"),
         (polygon([*BOX, BOX[0]]), {}, "a vertex farther than 100 km from the middle of the first outline"),
         (polygon([(lat, lon) for lon, lat in around(BOX, (-33.9, 151.2))]), {}, "longitude before latitude"),
         (table(BOX, header="lon,lat"), {}, "or columns called x_m and y_m"),
-        (
-            in_metres(BOX),
-            {"feature": "4"},
-            "no feature 4 with a polygon; expected a name or number of 1 without a name",
-        ),
+        (in_metres(BOX), {"feature": "4"}, "no feature 4 with a polygon; expected a name or number of 1 without"),
     ],
 )
 def test_units_and_names_that_are_others(body, options, fault):
@@ -285,9 +271,7 @@ def test_zones_that_mirrored_lie_near_the_field():
     field = field_of(polygon(around(BOX)))
     swapped = polygon([place[::-1] for place in around(BOX)])
     for inside in (False, True):
-        with pytest.raises(
-            InputError, match="near the field or plan if longitude and latitude are swapped; expected the o"
-        ):
+        with pytest.raises(InputError, match="near the field or plan if longitude and latitude are swapped; expected"):
             read_zones(Text("z", swapped), field.origin_deg, inside=inside)
     # or it is the field's file that is
     with pytest.raises(InputError, match="in which they may be swapped instead"):
@@ -381,19 +365,10 @@ APART = "expected a ring that neither crosses nor touches itself, holes within t
     ("rings", "fault"),
     [
         *(([ring], "an area of less than 1 m²; expected 1 m² or more") for ring in (BOX[:1], [*BOX[:2], BOX[0]])),
-        (
-            [[(0, 0), (1.5, 0), (0, 1)]],
-            "an area of less than 1 m²; expected 1 m² or more, or a file without units in m",
-        ),
+        ([[(0, 0), (1.5, 0), (0, 1)]], "an area of less than 1 m²; expected 1 m² or more, or a file without units"),
         ([[(0, 0), (100, 80), (99, 0), (1, 70)]], f"the outline crosses itself at (46.70, 37.36) m; {APART}"),
-        (
-            [BOX, POND, [(20, 50), (41, 70), (40, 50), (20, 70)]],
-            f"hole 2 crosses itself at (30.24, 59.76) m; {APART}",
-        ),
-        (
-            [BOX, POND, [(90, 30), (90, 50), (110, 50), (110, 30)]],
-            "hole 2 crosses the outline or another hole, or runs",
-        ),
+        ([BOX, POND, [(20, 50), (41, 70), (40, 50), (20, 70)]], f"hole 2 crosses itself at (30.24, 59.76) m; {APART}"),
+        ([BOX, POND, [(90, 30), (90, 50), (110, 50), (110, 30)]], "hole 2 crosses the outline or another hole"),
     ],
 )
 def test_rings_that_are_none(rings, fault):
@@ -417,10 +392,7 @@ def test_a_crossing_is_told_in_degrees_too():
 @pytest.mark.parametrize(
     ("body", "fault"),
     [
-        (
-            table([(0, 0), (60_000, 0), (60_000, 10)]),
-            f"60 km by 0.01 km; expected {WIDE}, or columns called lon and lat",
-        ),
+        (table([(0, 0), (60_000, 0), (60_000, 10)]), f"60 km by 0.01 km; expected {WIDE}, or columns called lon"),
         (polygon([(10, 55), (11, 55), (11, 55.1)]), f"63.99 km by 11.13 km; expected {WIDE}, or --metres"),
         # the far side of the earth, which the plane would fold onto the field
         (
@@ -436,10 +408,8 @@ def test_fields_that_are_too_large_or_too_far(body, fault):
 
 
 def ring_of(n):
-    return [
-        (round(5000 * math.cos(2 * math.pi * i / n), 4), round(5000 * math.sin(2 * math.pi * i / n), 4))
-        for i in range(n)
-    ]
+    angles = (2 * math.pi * i / n for i in range(n))
+    return [(round(5000 * math.cos(angle), 4), round(5000 * math.sin(angle), 4)) for angle in angles]
 
 
 @pytest.mark.slow
@@ -580,20 +550,11 @@ def test_faults_of_a_position(position, fault):
         *((each, "1:1: error: no object of GeoJSON with a type; expected a Polygon, F") for each in ("[]", "{}")),
         ('{"type": "Point", "coordinates": [1, 2]}', "1:1: error: no polygon, only open lines and points; expected a "),
         ('{"type": "FeatureCollection", "features": []}', "1:1: error: no polygon; expected a polygon"),
-        (
-            '{"type": "FeatureCollection",\n"features": {}}',
-            "1:1: error: no list of features; expected features with a ",
-        ),
+        ('{"type": "FeatureCollection",\n"features": {}}', "1:1: error: no list of features; expected features with"),
         ('{"type": "FeatureCollection", "features": [\n3]}', "2:1: error: no object of GeoJSON with a type"),
-        (
-            '{"type": "Feature", "geometry":\n [1, 2]}',
-            "2:2: error: no geometry; expected Point, MultiPoint, LineString",
-        ),
+        ('{"type": "Feature", "geometry":\n [1, 2]}', "2:2: error: no geometry; expected Point, MultiPoint"),
         ('{"type": "GeometryCollection", "geometries": [\n{}]}', "2:1: error: no geometry"),
-        (
-            '{"type": "Polygon", "coordinates": null}',
-            "1:1: error: no list of positions; expected a list of positions, ",
-        ),
+        ('{"type": "Polygon", "coordinates": null}', "1:1: error: no list of positions; expected a list of positions"),
         ('{"type": "Polygon", "coordinates": []}', "1:1: error: a polygon without rings; expected a ring of "),
         ('{"type": "Polygon", "coordinates": [\n"a"]}', "2:1: error: no list of positions"),
         ('{"type": "MultiPolygon", "coordinates": [[],\n[]]}', "1:1: error: a polygon without rings"),
@@ -611,13 +572,8 @@ def test_faults_of_geojson(body, fault):
         ("x,y\n0,0\n1,2,3\n1,2,,\n", ["3:5: error: 3 fields; expected 2, as in the first row"]),
         ("x y\n0 0\n 1  b\n", ["3:5: error: b is not a number; expected a number"]),
         ("x;y\n0;0\n1;\n", ["3:3: error: an empty field is not a number; expected a number"]),
-        (
-            "x\ty\nnan\t1e999\n",
-            [
-                "2:1: error: nan is not finite; expected a finite number",
-                "2:5: error: 1e999 is too large; expected a finite number",
-            ],
-        ),
+        ("x\ty\nnan\t0\n", ["2:1: error: nan is not finite; expected a finite number"]),
+        ("x\ty\n0\t1e999\n", ["2:3: error: 1e999 is too large; expected a finite number"]),
     ],
 )
 def test_faults_of_rows(body, faults):
@@ -633,10 +589,7 @@ OUTLINE = "<Polygon><outerBoundaryIs>{}</outerBoundaryIs></Polygon>"
     [
         ("<kml>\n</kml>", "1:1: error: no polygon; expected a polygon, or a closed line: "),
         ("<kml>\n<a></b>", "2:6: error: is not XML: mismatched tag; expected a KML file"),
-        (
-            OUTLINE.format(RING.replace("10,55 ", "<Polygon/>1")),
-            "1:1: error: an element within coordinates; expected vert",
-        ),
+        (OUTLINE.format(RING.replace("10,55 ", "<Polygon/>1")), "1:1: error: an element within coordinates; expected"),
         ("<Polygon/>", "1:1: error: a Polygon without an outline; expected one outerBoundaryIs with a LinearRing of "),
         (OUTLINE.format(RING).replace("outer", "inner"), "1:1: error: a Polygon without an outline"),
         (OUTLINE.format(f"{RING}\n{RING}"), "1:1: error: a second outline; expected one outerBoundaryIs"),
@@ -688,14 +641,12 @@ def test_long_texts_are_refused_as_fast_as_short_ones(body):
 
 
 words = ['"type"', '"Polygon"', '"coordinates"', "[[[0, 0], [9, 0], [9, 9]]]", "x,y", "lon lat", "0 0\n", "5,5\n"]
-pieces = st.sampled_from('{}[]<>/,:1-&"\n\x00') | st.sampled_from(
-    [*words, "<kml>", "<Polygon>", "<coordinates>", "nan"]
-)
+words += ["<kml>", "<Polygon>", "<coordinates>", "nan"]
+pieces = st.sampled_from('{}[]<>/,:1-&"\n\x00') | st.sampled_from(words)
+texts = st.text(max_size=40) | st.lists(pieces, max_size=30).map("".join)
 
 
-@given(
-    st.one_of(st.text(max_size=40), st.lists(pieces, max_size=30).map("".join)), st.booleans(), st.none() | st.text()
-)
+@given(texts, st.booleans(), st.none() | st.text())
 def test_any_text_is_a_field_or_a_named_fault(body, metres, feature):
     try:
         field, mended = read(body, metres=metres, feature=feature)
@@ -716,19 +667,11 @@ def test_decimal_commas_between_semicolons():
     assert field.outline == ((0.0, 0.0), (100.5, 0.0), (100.5, 80.25))
 
 
-def squares(*lefts):
-    return [[[[x, 0.0], [x + 100, 0.0], [x + 100, 80.0], [x, 80.0], [x, 0.0]]] for x in lefts]
-
-
 def test_all_features_are_the_parts_of_one_field():
-    features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Polygon", "coordinates": square}}
-        for name, square in zip(("west", "avoid a mast", "east"), squares(0.0, 150.0, 300.0), strict=True)
-    ]
-    text = json.dumps({"type": "FeatureCollection", "features": features})
+    text = features(*({"properties": {"name": name}} for name in ("west", "avoid a mast", "east")))
     field, _ = read(text, metres=True, feature="all")
-    assert [part[0][0] for part in field.parts] == [(0.0, 0.0), (300.0, 0.0)]
-    assert [(each.name, each.outline[0]) for each in field.airspace.obstacles] == [("a mast", (150.0, 0.0))]
+    assert [part[0][0] for part in field.parts] == [(0.0, 0.0), (2000.0, 0.0)]
+    assert [(each.name, each.outline[0]) for each in field.airspace.obstacles] == [("a mast", (1000.0, 0.0))]
     assert len(read(text, metres=True, feature="east")[0].parts) == 1
     with pytest.raises(InputError, match="2 features with polygons"):
         read(text, metres=True)

@@ -1,7 +1,5 @@
 """KMZ, a zip archive with a KML document; shapefiles are refused."""
 
-from __future__ import annotations
-
 import zipfile
 
 import pytest

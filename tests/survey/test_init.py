@@ -1,12 +1,11 @@
 """`eadp init`: every preset flies as it is, and nothing is overwritten unasked."""
 
-from __future__ import annotations
-
 import json
 import re
 
 import pytest
 from common import few
+from common.answers import refused
 
 from eadp.io.scenario import read_scenario
 from eadp.io.text.streams import Text, read_text
@@ -45,9 +44,7 @@ def test_every_commented_key_of_the_scenario_may_be_used(eadp, tmp_path):
 
 def test_nothing_is_overwritten_unasked(eadp, tmp_path):
     (tmp_path / "scenario.yaml").write_text("mine")
-    answer = eadp("init", tmp_path)
-    assert (answer.code, answer.out) == (2, "")
-    assert "scenario.yaml:1:1: error: exists already; expected a new file, or --force" in answer.err
+    assert refused(eadp("init", tmp_path), "scenario.yaml:1:1: error: exists already; expected a new file, or --force")
     assert [path.name for path in tmp_path.iterdir()] == ["scenario.yaml"]
     assert (tmp_path / "scenario.yaml").read_text() == "mine"
     assert eadp("init", tmp_path, "--force").code == 0
@@ -61,12 +58,9 @@ def test_nothing_is_overwritten_unasked(eadp, tmp_path):
 
 def test_bad_input(eadp, tmp_path):
     answer = eadp("init", tmp_path / "x", "--preset", "kite")
-    assert answer.code == 2
-    assert "--preset:1:1: error: no such aircraft; expected one of data-sheet, foam-wing, mapper" in answer.err
+    assert refused(answer, "--preset:1:1: error: no such aircraft; expected one of data-sheet, foam-wing, mapper")
     (tmp_path / "file").write_text("")
-    answer = eadp("init", tmp_path / "file")
-    assert (answer.code, answer.out) == (2, "")
-    assert "error: cannot be written" in answer.err
+    assert refused(eadp("init", tmp_path / "file"), "error: cannot be written")
 
 
 @pytest.mark.parametrize("preset", ["foam-wing", "mapper", "small-wing"])

@@ -1,7 +1,5 @@
 """A flight that takes off in a direction and lands: plan, forecast, flight and missions have the same ends."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -93,9 +91,8 @@ def test_an_approach_is_as_steep_as_the_autopilot_accepts_and_longer_with_the_wi
     assert length_m(60, "{kind: ardupilot}") / glide_m == pytest.approx(19 / 15, rel=1e-3)
     for autopilot, limit_deg in (("{kind: px4}", 5), ("{kind: px4, parameters: {FW_LND_ANG: 6}}", 6), ("{}", 5)):
         assert length_m(240, autopilot) == pytest.approx(60 / math.tan(math.radians(limit_deg)), rel=1e-6)
-    assert length_m(240, "{kind: px4, parameters: {FW_LND_ANG: 12}}") == pytest.approx(glide_m), (
-        "no steeper than a glide"
-    )
+    # no steeper than a glide
+    assert length_m(240, "{kind: px4, parameters: {FW_LND_ANG: 12}}") == pytest.approx(glide_m)
 
 
 @pytest.mark.quick(1)
@@ -241,9 +238,8 @@ def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is
     assert 30 <= float(approach[2]) < 120
     plan = tmp_path / "p.plan"
     # 500 m before the place, the approach is half way down; the wall is 10 m high
-    answer = eadp(
-        *words, "--landing", "0,-100,270", "--home", "-50,300", "--avoid", tmp_path / "wall.geojson", "-o", plan
-    )
+    ends = ("--landing", "0,-100,270", "--home", "-50,300")
+    answer = eadp(*words, *ends, "--avoid", tmp_path / "wall.geojson", "-o", plan)
     assert answer.code == 0, answer.err
     assert "flown over" in answer.err
     assert eadp("plan", plan, "--check").code == 0
@@ -263,9 +259,7 @@ def test_a_place_that_no_way_leads_to_is_named_before_the_search(eadp, tmp_path)
     (tmp_path / "inside.csv").write_text(f"x_m,y_m\n{west_m},-300\n900,-300\n900,600\n{west_m},600\n")
     answer = eadp(*words, "--inside", tmp_path / "inside.csv")
     assert answer.code == 1
-    assert (
-        f"no way between the lines and ({begins_m:.0f}, -100) m is found that stays inside the boundary" in answer.err
-    )
+    assert f"no way between the lines and ({begins_m:.0f}, -100) m is found that stays inside the" in answer.err
 
 
 @pytest.mark.parametrize(
@@ -282,9 +276,8 @@ def test_what_cannot_be_landed_is_refused(eadp, words, message):
     assert refused(eadp(*COVER, *words), message)
 
 
-def test_a_plan_that_lands_and_an_aircraft_that_holds_its_altitude_are_refused(eadp, landing, tmp_path):
-    words = ("--landing", ",".join(map(str, LAND)))
+def test_a_plan_that_lands_and_an_aircraft_that_holds_its_altitude_are_refused(eadp, tmp_path):
     scenario = tmp_path / "s.yaml"
     scenario.write_text("schema: eadp.scenario/1\nvehicle: {airframe: {model: paper}}\n")
     cover = ("cover", "plans/meadow.geojson", "--swath", "60", "--min-radius", "30", "--scenario", scenario)
-    assert refused(eadp(*cover, *words), "holds its altitude")
+    assert refused(eadp(*cover, "--landing", ",".join(map(str, LAND))), "holds its altitude")

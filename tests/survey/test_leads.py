@@ -1,7 +1,5 @@
 """Straight ways before lines, by hand and by shapely."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ground that is left: its area on a raster, and its place within it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

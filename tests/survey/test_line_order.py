@@ -1,7 +1,5 @@
 """Orders of lines: against every order there is, against the exact one, and against what no order can beat."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """The Zamboni-like motion: its equations, its legs, and plans written of it, at any parameters lap by lap."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

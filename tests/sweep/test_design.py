@@ -1,7 +1,5 @@
 """Which runs, in which order, and the loop that makes them."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

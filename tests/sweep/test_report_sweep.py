@@ -1,7 +1,5 @@
 """The page of a sweep: counts over all runs, the runs themselves, links to the flights that were kept."""
 
-from __future__ import annotations
-
 import json
 from contextlib import closing
 
@@ -80,10 +78,7 @@ def test_kept_folders_are_those_of_the_runs_and_change_no_result(swept, page, ea
         assert (summary["completed"], summary["duration_s"]) == (row["completed"], row["duration_s"])
     eadp("sweep", swept / "sweep.yaml", "-o", tmp_path / "plain.db", "--jobs", "1", "--set", "step_s=0.05")
     plain = rows_of(tmp_path / "plain.db")
-    clocked = ("took_s",)
-    assert [{k: v for k, v in row.items() if k not in clocked} for row in plain] == [
-        {k: v for k, v in row.items() if k not in clocked} for row in rows
-    ]
+    assert [row | {"took_s": 0} for row in plain] == [row | {"took_s": 0} for row in rows]
     assert Page((tmp_path / "plain.html").read_text(encoding="utf-8")).data["folder"] is None
     assert eadp("report", swept / "kept" / rows[0]["key"]).code == 0
 
@@ -168,9 +163,7 @@ def test_the_heat_map_over_any_two_keys(opened, page):
         "wind.speed_mps 0, battery.capacity_ah 0.003: share of flights that complete: 0 %",
         "wind.speed_mps 4, battery.capacity_ah 0.003: share of flights that complete: 0 %",
     ]
-    assert [label.splitlines()[-1] for label in labels] == ["4 of 4 flights completed"] * 2 + [
-        "0 of 4 flights completed"
-    ] * 2
+    assert [label.splitlines()[-1][:6] for label in labels] == ["4 of 4", "4 of 4", "0 of 4", "0 of 4"]
     choose(opened, figure="duration_s", across="planner.name", upward="")
     assert opened.run("document.querySelectorAll('#heat button').length") == 2
 

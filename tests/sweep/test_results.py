@@ -1,7 +1,5 @@
 """The results file: each run once, whoever writes; what happens to it when things go wrong."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from contextlib import closing

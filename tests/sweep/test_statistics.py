@@ -1,7 +1,5 @@
 """Shares, medians and tables, beside independent countings."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """`eadp sweep` as its users meet it: answers, engines that agree, files that go on, refusals."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

@@ -15,10 +15,7 @@ SCENARIOS = {
 def flown(planner):
     scenario, overrides = SCENARIOS[planner]
     return eadp.simulate(
-        ROOT / "plans/survey.plan",
-        scenario=ROOT / f"scenarios/{scenario}.yaml",
-        planner=planner,
-        overrides=overrides,
+        ROOT / "plans/survey.plan", scenario=ROOT / f"scenarios/{scenario}.yaml", planner=planner, overrides=overrides
     )
 
 

@@ -6,19 +6,12 @@ from common import ROOT
 import eadp
 from eadp.errors import InputError
 
-DRAINED = {
-    "battery.capacity_ah": 0.7,
-    "faults": [{"at_s": 150, "soc_drop": 0.15}],
-    "planner.paper.min_periods": 1,
-}
+DRAINED = {"battery.capacity_ah": 0.7, "faults": [{"at_s": 150, "soc_drop": 0.15}], "planner.paper.min_periods": 1}
 
 
 def flown(**overrides):
     return eadp.simulate(
-        ROOT / "plans/survey.plan",
-        scenario=ROOT / "scenarios/survey.yaml",
-        planner="paper",
-        overrides=overrides,
+        ROOT / "plans/survey.plan", scenario=ROOT / "scenarios/survey.yaml", planner="paper", overrides=overrides
     )
 
 

@@ -1,7 +1,5 @@
 """The public API: its names, its laziness, and that it gives what the commands give."""
 
-from __future__ import annotations
-
 import csv
 import json
 import pickle

@@ -64,15 +64,8 @@ def test_a_mission_is_for_the_autopilot_of_its_scenario(eadp, place):
 def test_px4s_own_return_counts_in_its_missions_and_what_is_stated_of_it_is_written(eadp, place):
     wanted = place / "a.params"
     given = (
-        "--to",
-        "px4",
-        "--scenario",
-        place / "none.yaml",
-        "--set",
-        "battery.capacity_ah=0.5",
-        "--parameters",
-        wanted,
-    )
+        "--to", "px4", "--scenario", place / "none.yaml", "--set", "battery.capacity_ah=0.5", "--parameters", wanted,
+    )  # fmt: skip
     assert "the autopilot turns back by itself unless" in eadp("export", place / "a.plan", *given).err
     off = eadp("export", place / "a.plan", *given, "--set", "autopilot.parameters.COM_FLTT_LOW_ACT=0")
     assert "turns back by itself" not in off.err

@@ -1,7 +1,5 @@
 """Parameters by the names that people give them: read at every door, and shown at every other."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """`eadp plan`: the documented JSON, the canonical text, refusals."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -96,9 +94,7 @@ def test_a_stage_that_sympy_cannot_print_is_named(eadp, tmp_path):
     path.write_text("0.1; 90; x\n0, 200\n0.1; 90; " + "*".join(f"(x-{i})" for i in range(1000)) + "\n0.5, 500\n")
     answer = eadp("plan", path, "--format", "sympy")
     assert (answer.code, answer.out) == (2, "")
-    assert answer.err.startswith(
-        f"{path}:3:1: error: sympy gives no expressions of stage 2; expected expressions of at most"
-    )
+    assert answer.err.startswith(f"{path}:3:1: error: sympy gives no expressions of stage 2; expected expressions")
 
 
 def test_whether_structure_is_proven_is_shown(eadp, tmp_path):
@@ -171,10 +167,7 @@ def test_plots(eadp, tmp_path):
     ],
 )
 def test_what_is_refused(eadp, arguments, word):
-    answer = eadp("plan", "plans/survey.plan", *arguments)
-    assert answer.code == 2
-    assert answer.out == ""
-    assert word in answer.err
+    assert refused(eadp("plan", "plans/survey.plan", *arguments), word)
 
 
 def test_triggers_have_latitudes_where_they_are_numbers(eadp, tmp_path):

@@ -1,7 +1,5 @@
 """`eadp profile` and `eadp schema` as they are called: exit codes, stdout and stderr, files written."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

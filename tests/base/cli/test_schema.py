@@ -1,7 +1,5 @@
 """Documents that commands write: each is labelled; those that eadp reads again are as their schemas."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -113,14 +111,8 @@ def test_files_of_results_have_their_labels(eadp, validate, tmp_path):
     answer = eadp("simulate", job, "-o", flown, "--format", "json")
     validate("job", json.loads(answer.out))
     eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--set", "time_limit_s=20", "-o", flight)
-    assert files(validate, job) | files(validate, flown) | files(validate, flight) == {
-        "sorties",
-        "items",
-        "files",
-        "job",
-        "summary",
-        "timings",
-    }
+    found = files(validate, job) | files(validate, flown) | files(validate, flight)
+    assert found == {"sorties", "items", "files", "job", "summary", "timings"}
     assert (flight / "decisions.jsonl").exists()
 
 

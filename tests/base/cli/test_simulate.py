@@ -1,7 +1,5 @@
 """`eadp simulate` as its users meet it: answers, result folder, refusals."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -46,16 +44,9 @@ def test_the_result_folder(eadp, tmp_path):
     answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", folder, *SHORT)
     assert answer.code == 1
     assert sorted(item.name for item in folder.iterdir()) == [
-        "estimate.csv",
-        "files.json",
-        "flight.csv",
-        "flight.png",
-        "flight.svg",
-        "inputs",
-        "report.html",
-        "summary.json",
-        "timings.json",
-    ]
+        "estimate.csv", "files.json", "flight.csv", "flight.png", "flight.svg", "inputs", "report.html",
+        "summary.json", "timings.json",
+    ]  # fmt: skip
     with (folder / "flight.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     head = "time_s,stage,x_m,y_m,altitude_m,heading_rad,power_w,power_forecast_w,soc,c1,c2"
@@ -306,13 +297,8 @@ def test_the_first_line_names_aircraft_battery_and_wind(eadp, line_plan):
 @pytest.mark.usefixtures("drawn")
 def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_json(eadp, tmp_path):
     folder = tmp_path / "home"
-    keys = (
-        "battery.capacity_ah=0.25",
-        "home.position_m=[0, -1000]",
-        "on_infeasible=home",
-        "step_s=0.1",
-        "planner.every_s=3",
-    )
+    keys = ["battery.capacity_ah=0.25", "home.position_m=[0, -1000]", "on_infeasible=home"]
+    keys += ["step_s=0.1", "planner.every_s=3"]
     answer = eadp(
         "simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder,
         *(part for key in keys for part in ("--set", key)),

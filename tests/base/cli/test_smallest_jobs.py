@@ -1,7 +1,5 @@
 """Every command on the smallest jobs: a field of one line, plans of one stage or lap, missions of one waypoint."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """`eadp vehicle`: its text, its document, its picture, and its exit codes."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -18,15 +16,9 @@ def test_a_name_does_not_command_the_terminal(eadp, tmp_path):
     assert answer.out.splitlines()[0] == "\\u001b[31mred\\u202e \\u009b2J"
     assert json.loads(eadp("vehicle", file, "--format", "json").out)["name"] == "\x1b[31mred\u202e \x9b2J"
     simulated = eadp(
-        "simulate",
-        "plans/survey.plan",
-        "--profile",
-        "profiles/pednet-letter.yaml",
-        "--set",
-        f"vehicle={file}",
-        "--set",
-        "time_limit_s=1",
-    )
+        "simulate", "plans/survey.plan", "--profile", "profiles/pednet-letter.yaml", "--set", f"vehicle={file}",
+        "--set", "time_limit_s=1",
+    )  # fmt: skip
     assert not {"\x1b", "\x9b", "\u202e"} & {*simulated.out, *simulated.err}
 
 

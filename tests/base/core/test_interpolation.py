@@ -1,7 +1,5 @@
 """Interpolation of measured configurations, against numpy's and scipy's own and functions known exactly."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

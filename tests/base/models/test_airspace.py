@@ -41,10 +41,7 @@ def test_entries_are_those_of_points_along_the_track(seed):
     track = [tuple(point) for point in np.cumsum(rng.normal(0, 12, (30, 2)), axis=0).tolist()]
     times = [2.0 * i for i in range(len(track))]
     found = {each.name: each for each in Airspace((Obstacle(SQUARE, "barn"),), (ROOM,)).entries(times, track, [0] * 30)}
-    for name, inside in (
-        ("barn", lambda x, y: within(SQUARE, x, y)),
-        (BOUNDARY, lambda x, y: not within(ROOM, x, y)),
-    ):
+    for name, inside in (("barn", lambda x, y: within(SQUARE, x, y)), (BOUNDARY, lambda x, y: not within(ROOM, x, y))):
         length, first = sampled(track, inside)
         entry = found.get(name)
         assert (entry.inside_m if entry else 0.0) == pytest.approx(length, abs=0.1 + 0.01 * length)
@@ -70,9 +67,8 @@ def test_the_top_on_the_ways_home_is_of_obstacles_that_are_crossed():
     """Of a mast beside the straight ways too; one that is not on the way, or has no height, has no top."""
     square = ((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0))
     at = lambda x, y: tuple((x + dx, y + dy) for dx, dy in square)  # noqa: E731
-    space = Airspace(
-        (Obstacle(at(0, 0), "mast", 80.0), Obstacle(at(0, 300), "tower", 200.0), Obstacle(at(50, 0), "hill"))
-    )
+    mast, tower = Obstacle(at(0, 0), "mast", 80.0), Obstacle(at(0, 300), "tower", 200.0)
+    space = Airspace((mast, tower, Obstacle(at(50, 0), "hill")))
     points = np.array([(200.0, 0.0), (200.0, 10.0)])
     assert space.top_on_ways_m(points, (-200.0, 0.0), 1.0) == 80
     assert space.top_on_ways_m(np.array([(-100.0, 0.0)]), (-200.0, 0.0), 1.0) == -math.inf

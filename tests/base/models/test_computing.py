@@ -1,7 +1,5 @@
 """Plans and profiles brought together."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The energy model: its state, its coefficients, its power."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

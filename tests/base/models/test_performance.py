@@ -12,19 +12,10 @@ from eadp.models.vehicle import FixedWing
 
 # a glider with ½ρS = 0.5, W = 9.80665 N: its best speeds lie far above the stall
 WING = FixedWing(
-    mass_kg=1.0,
-    wing_area_m2=1.0,
-    air_density_kgpm3=1.0,
-    aspect_ratio=8.0,
-    oswald_efficiency=1.0,
-    zero_lift_drag_coefficient=0.01,
-    max_lift_coefficient=3.0,
-    propulsive_efficiency=0.5,
-    avionics_w=0.0,
-    max_power_w=100.0,
-    airspeed_mps=7.0,
-    max_bank_deg=40.0,
-)
+    mass_kg=1.0, wing_area_m2=1.0, air_density_kgpm3=1.0, aspect_ratio=8.0, oswald_efficiency=1.0,
+    zero_lift_drag_coefficient=0.01, max_lift_coefficient=3.0, propulsive_efficiency=0.5, avionics_w=0.0,
+    max_power_w=100.0, airspeed_mps=7.0, max_bank_deg=40.0,
+)  # fmt: skip
 W, K, C_D0, HALF = 9.80665, 1 / (8 * math.pi), 0.01, 0.5
 IDEAL = Battery(voltage_v=10.0, resistance_ohm=0.0, capacity_ah=2.0)  # 20 Wh
 POWER_MPS = math.sqrt(W / HALF * math.sqrt(K / (3 * C_D0)))

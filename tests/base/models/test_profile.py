@@ -1,7 +1,5 @@
 """The computation energy model: power at a configuration, ranges, levels."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

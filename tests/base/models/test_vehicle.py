@@ -9,18 +9,10 @@ from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 
 # 1 N of weight, ½ ρ S = 0.5: q S = 0.5 V²
 WING = FixedWing(
-    mass_kg=1 / 9.80665,
-    wing_area_m2=1.0,
-    air_density_kgpm3=1.0,
-    max_lift_coefficient=0.5,
-    aspect_ratio=4 / math.pi,
-    oswald_efficiency=0.5,
-    zero_lift_drag_coefficient=0.1,
-    propulsive_efficiency=0.5,
-    avionics_w=3.0,
-    airspeed_mps=4.0,
+    mass_kg=1 / 9.80665, wing_area_m2=1.0, air_density_kgpm3=1.0, max_lift_coefficient=0.5, aspect_ratio=4 / math.pi,
+    oswald_efficiency=0.5, zero_lift_drag_coefficient=0.1, propulsive_efficiency=0.5, avionics_w=3.0, airspeed_mps=4.0,
     max_bank_deg=60.0,
-)
+)  # fmt: skip
 
 
 def test_a_wing_in_level_flight():

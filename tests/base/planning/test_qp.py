@@ -31,9 +31,8 @@ def quiet(capfd):
 
 def box(columns=2, proximal=PROXIMAL, report=None):
     """A program whose rows are the variables and their sum."""
-    return QuadraticProgram(
-        np.vstack([np.eye(columns), np.ones((1, columns))]) > 0, proximal, report or SolverReport(), 1e-7
-    )
+    rows = np.vstack([np.eye(columns), np.ones((1, columns))]) > 0
+    return QuadraticProgram(rows, proximal, report or SolverReport(), 1e-7)
 
 
 def box_data(linear=(-1.0, -2.0), most=1.5):

@@ -59,6 +59,13 @@ def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0
     return changes
 
 
+def steadily(pilot, readings, **keys):
+    """The last decision on so many readings of one kind, ten a second."""
+    for k in range(readings):
+        decision = pilot.take(observation(0.1 * (k + 1), **keys))
+    return decision
+
+
 def test_a_planner_is_named_in_the_registry_alone():
     for name in PLANNERS:
         for path in sorted((ROOT / "eadp").rglob("*.py")):
@@ -121,12 +128,8 @@ def test_time_to_an_empty_battery_is_the_integral_of_the_model():
     b = BATTERY
 
     def rate(_t, _b):
-        y = 36.0
-        return [
-            -b.k_b_per_s
-            * (b.voltage_v - np.sqrt(b.voltage_v**2 - 4 * b.resistance_ohm * y))
-            / (2 * b.resistance_ohm * b.capacity_ah)
-        ]
+        current_a = (b.voltage_v - np.sqrt(b.voltage_v**2 - 4 * b.resistance_ohm * 36.0)) / (2 * b.resistance_ohm)
+        return [-b.k_b_per_s * current_a / b.capacity_ah]
 
     def empty(_t, y):
         return y[0] - 0.1
@@ -182,8 +185,7 @@ def test_the_path_is_lowered_by_delta_while_time_is_short_and_raised_while_there
 
 def test_the_largest_path_that_fits_just_fits():
     pilot = planner(replace(OWN, path_rule="largest"))
-    for k in range(1, 100):
-        decision = pilot.take(observation(0.1 * k, soc=0.8))
+    steadily(pilot, 99, soc=0.8)
     o = observation(10.0, soc=0.8)
     decision = pilot.take(o)
     t_b = pilot._time_to_reserve_s(o, 0.0)
@@ -195,8 +197,7 @@ def test_the_output_constraint_limits_the_computations():
     battery = replace(BATTERY, letter_crate_per_h=1.0)
     pilot = planner(battery=battery)
     # b Q_c V = 0.76 · 47.36 = 36.0 W allows what is flown; 0.70 allows 33.2 W: a motion of 26.2 W leaves 6.9 W
-    for k in range(1, 60):
-        decision = pilot.take(observation(0.1 * k, soc=0.70, parameters=(0.0, 10.0)))
+    decision = steadily(pilot, 59, soc=0.70)
     motion = 36.0 - 9.75462
     g = PROFILE.power_w_at((decision.parameters[1],))
     nxt = PROFILE.power_w_at((decision.parameters[1] + 1,))
@@ -206,9 +207,7 @@ def test_the_output_constraint_limits_the_computations():
 
 def test_nothing_admissible_is_the_lowest_counted_and_said():
     pilot = planner(battery=replace(BATTERY, letter_crate_per_h=1.0))
-    decision = None
-    for k in range(1, 30):
-        decision = pilot.take(observation(0.1 * k, soc=0.3))
+    decision = steadily(pilot, 29, soc=0.3)
     assert decision.parameters[1] == 2.0
     assert decision.reason.startswith("infeasible")
     report = pilot.report
@@ -220,8 +219,7 @@ def test_nothing_admissible_is_the_lowest_counted_and_said():
 def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypatch):
     break_osqp(monkeypatch, BROKEN["failing"])
     pilot = planner(replace(OWN, delta={"c1": 500, "c2": 3}), battery=replace(BATTERY, letter_crate_per_h=1.0))
-    for k in range(1, 30):
-        decision = pilot.take(observation(0.1 * k, soc=0.70))
+    decision = steadily(pilot, 29, soc=0.70)
     report = pilot.report
     assert report.fallbacks == report.replans == len(report.solve_ms) > 0
     assert (report.failed, report.solved, report.retried) == (report.calls, 0, report.calls / 2)
@@ -269,8 +267,7 @@ def test_the_subroutine_is_that_of_the_drafts(delta):
     for soc in np.linspace(0.2, 1.0, 30):
         own = replace(OWN, solver="subroutine", path_rule="delta", delta=delta)
         pilot = planner(own, battery=replace(BATTERY, letter_crate_per_h=1.0))
-        for k in range(1, 31):
-            decision = pilot.take(observation(0.1 * k, soc=soc))
+        decision = steadily(pilot, 30, soc=soc)
         expected = by_subroutine(3.0, soc, 36.0 - 9.75462, delta)
         assert decision.parameters == pytest.approx(expected)
         assert decision.record.status == ("infeasible" if decision.reason.startswith("infeasible") else "lowered")
@@ -283,8 +280,7 @@ def test_inhibited_computations_are_not_solved_for():
     text = "0.1; 90; x\n0, 400\n[0, 0]\n0.1; 90; x\n0, 800\n[2, 10]\n"
     plan, _ = read_plan(Text("p", text))
     pilot = planner(replace(OWN, longest_s=None, shortest_s=None), plan=plan, parameters=(10.0,))
-    for k in range(1, 30):
-        decision = pilot.take(observation(0.1 * k, parameters=(0.0,), power_w=26.0, plan=plan))
+    decision = steadily(pilot, 29, parameters=(0.0,), power_w=26.0, plan=plan)
     assert pilot.report.calls == 0
     assert pilot.report.solve_ms
     assert decision.record.status == "nothing to choose"
@@ -333,21 +329,17 @@ def test_a_path_that_no_computations_allow_is_not_taken():
 def test_the_subroutine_lowers_from_the_maximum_until_the_time_suffices():
     own = replace(OWN, path_rule="subroutine", delta={"c1": 100})
     pilot = planner(own, parameters=(-1000.0, 10.0))
-    for k in range(1, 100):
-        decision = pilot.take(observation(0.1 * k, soc=0.8, parameters=(-1000.0, 10.0)))
-    o, chosen = observation(10.0, soc=0.8), decision.parameters
+    chosen = steadily(pilot, 99, soc=0.8, parameters=(-1000.0, 10.0)).parameters
+    lasts_s = pilot._time_to_reserve_s(observation(10.0, soc=0.8), 0.0)
     ladder = [-100.0 * k for k in range(11)]
-    enough = [
-        c1 for c1 in ladder if pilot._remaining_s((c1, 10.0), 10.0, pilot._coverage) <= pilot._time_to_reserve_s(o, 0.0)
-    ]
+    enough = [c1 for c1 in ladder if pilot._remaining_s((c1, 10.0), 10.0, pilot._coverage) <= lasts_s]
     assert 0 > chosen[0] == max(enough) > -1000
 
 
 def test_gains_step_the_level_when_the_path_changes():
     """002's Ω: 0.002 W per m² of c1, so −500 takes 1 W off the motion's level, once."""
     pilot = planner(replace(OWN, gains={"c1": 0.002}), settings=replace(SETTINGS, every_s=60.0))
-    for k in range(1, 200):
-        pilot.take(observation(0.1 * k))
+    steadily(pilot, 199)
     before = pilot.power.estimator.state_w[0]
     for k in (200, 201):
         pilot.take(observation(0.1 * k, power_w=None, parameters=(-500.0, 10.0)))

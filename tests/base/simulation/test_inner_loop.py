@@ -79,9 +79,8 @@ def same(one, other, within=SAME):
     (a, _), (b, _) = one, other
     assert (a.completed, a.reason, a.duration_s) == (b.completed, b.reason, b.duration_s)
     assert numbers(*one) == pytest.approx(numbers(*other), rel=within, abs=within)
-    changes = [
-        [list(change) for record in outcome.parameters.records for change in record.history] for outcome in (a, b)
-    ]
+    kept = [[record.history for record in outcome.parameters.records] for outcome in (a, b)]
+    changes = [[list(change) for history in each for change in history] for each in kept]
     assert np.array(changes[0]) == pytest.approx(np.array(changes[1]), rel=within, abs=within)
 
 
@@ -163,16 +162,10 @@ def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_st
 def test_static_flights_are_the_same_to_the_last_bit(vehicle, no_longer_compiled):
     """All of a flight but what its estimator forecasts."""
     overrides = {
-        "vehicle.airframe.model": vehicle,
-        "planner.name": "static",
-        "wind.speed_mps": 6.0,
-        "wind.gust_std_mps": 0.4,
-        "sensors.delay_s": 0.1,
-        "battery.capacity_ah": 0.35,
-        "step_s": 0.02,
-        "faults": [{"at_s": 60, "soc_drop": 0.05}],
-        "log_every_s": 0.5,
-    }
+        "vehicle.airframe.model": vehicle, "planner.name": "static", "wind.speed_mps": 6.0, "wind.gust_std_mps": 0.4,
+        "sensors.delay_s": 0.1, "battery.capacity_ah": 0.35, "step_s": 0.02,
+        "faults": [{"at_s": 60, "soc_drop": 0.05}], "log_every_s": 0.5,
+    }  # fmt: skip
     flights = [flown(overrides, on=on) for on in (True, False)]
     (a, compiled_steps), (b, plain_steps) = flights
     assert [step._replace(power_forecast_w=0.0) for step in compiled_steps] == [
@@ -222,13 +215,9 @@ def test_time_always_advances(planner, every_s, update_s, log_every_s, length_m)
             return after
 
     overrides = {
-        "planner.name": planner,
-        "planner.every_s": update_s,
-        "estimator.every_s": every_s,
-        "log_every_s": log_every_s,
-        "step_s": 0.05,
-        "time_limit_s": 230.0,
-    }
+        "planner.name": planner, "planner.every_s": update_s, "estimator.every_s": every_s, "log_every_s": log_every_s,
+        "step_s": 0.05, "time_limit_s": 230.0,
+    }  # fmt: skip
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "InnerLoop", Advancing)
         path = Path(folder, "lines.plan")

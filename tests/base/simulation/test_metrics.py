@@ -1,7 +1,5 @@
 """Means and the quality U, by hand."""
 
-from __future__ import annotations
-
 import pytest
 
 from eadp.io.plan.reader import read_plan

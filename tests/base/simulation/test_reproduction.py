@@ -29,9 +29,7 @@ SAME_STATE_W = 0.005
 @lru_cache
 def flown(scenario, overrides=()):
     inputs = load_flight(
-        str(ROOT / "plans/survey.plan"),
-        scenario=str(ROOT / f"scenarios/{scenario}.yaml"),
-        overrides=dict(overrides),
+        str(ROOT / "plans/survey.plan"), scenario=str(ROOT / f"scenarios/{scenario}.yaml"), overrides=dict(overrides)
     )
     flight, outcome = inputs.flight(), Outcome()
     steps = list(fly(inputs.world, flight, outcome))
@@ -43,10 +41,7 @@ def flown(scenario, overrides=()):
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("scenario", "duration_s", "mean_w", "min_w", "max_w"),
-    [
-        ("paper-I-static", 724.71, 36.394, 32.28, 40.76),
-        ("paper-II-static", 318.70, 31.105, 27.27, 35.75),
-    ],
+    [("paper-I-static", 724.71, 36.394, 32.28, 40.76), ("paper-II-static", 318.70, 31.105, 27.27, 35.75)],
 )
 def test_static_flights_are_the_published_ones(scenario, duration_s, mean_w, min_w, max_w):
     summary, _, _ = flown(scenario)
@@ -95,11 +90,7 @@ def test_the_metric_of_flight_i_is_the_raw_one_and_not_the_printed_one():
     assert flown("paper-I-static")[0]["paper_metric"] == pytest.approx(3.84, abs=0.01)
 
 
-DRAINED = {
-    "no wind": {"wind.speed_mps": 0, "faults": ()},
-    "towards 0": {},
-    "towards 90": {"wind.towards_deg": 90},
-}
+DRAINED = {"no wind": {"wind.speed_mps": 0, "faults": ()}, "towards 0": {}, "towards 90": {"wind.towards_deg": 90}}
 CORRECTED = {"planner.paper.remaining_time": "corrected", "planner.paper.delta": (("c1", 250.0), ("c2", 2.0))}
 
 

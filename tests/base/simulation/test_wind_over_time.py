@@ -92,7 +92,6 @@ def test_one_way_to_give_the_wind_removes_the_other(eadp):
     profile = ("--set", "wind.profile=[[0, 4, 180]]")
     speed = ("--set", "wind.speed_mps=4", "--set", "wind.from_deg=180")
     short = ("--scenario", SCENARIO, "--set", "time_limit_s=5", "--format", "json")
-    flights = [
-        json.loads(eadp("simulate", SURVEY, *short, *given).out) for given in (profile, speed, (*profile, *speed))
-    ]
+    ways = profile, speed, (*profile, *speed)
+    flights = [json.loads(eadp("simulate", SURVEY, *short, *given).out) for given in ways]
     assert len({flight["distance_m"] for flight in flights}) == 1

@@ -3,8 +3,6 @@
 Source: PX4's `FeasibilityChecker.cpp`: distances on a sphere, an approach from a circle along its tangent.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

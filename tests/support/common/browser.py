@@ -1,7 +1,5 @@
 """A headless Chromium, driven over its DevTools pipe: no package is needed, only the browser."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import fcntl
@@ -19,17 +17,10 @@ from pathlib import Path
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 ABSENT = "no Chromium (apt-get install chromium)"
 FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--remote-debugging-pipe",
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
     "about:blank",
-)
+)  # fmt: skip
 LAUNCH = "import os, sys; a = sys.argv; os.dup2(int(a[1]), 3); os.dup2(int(a[2]), 4); os.execvp(a[3], a[3:])"
 """The browser reads its descriptor 3 and writes to 4."""
 
@@ -66,7 +57,7 @@ class Browser:
             os.close(end)
         self._session: str | None = None
 
-    def __enter__(self) -> Browser:
+    def __enter__(self) -> "Browser":
         try:
             self._attach()
         except BaseException:
@@ -94,17 +85,10 @@ class Browser:
             shutil.rmtree(self._profile, ignore_errors=True)
             time.sleep(0.02)
 
-    def open(
-        self, path: Path, width: int = 1280, height: int = 900, *, dark: bool = False, phone: bool = False
-    ) -> None:
+    def open(self, path: Path, width=1280, height=900, *, dark: bool = False, phone: bool = False) -> None:
         """Load a page from disk at a size, until it is drawn."""
-        self._send(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=2 if phone else 1,
-            mobile=phone,
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": 2 if phone else 1, "mobile": phone}
+        self._send("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._send("Emulation.setEmulatedMedia", features=[scheme])
         self._send("Page.navigate", url=path.resolve().as_uri())

@@ -1,7 +1,5 @@
 """Console blocks of a page: their commands are run, and what they show is compared with what they print."""
 
-from __future__ import annotations
-
 import io
 import re
 import shlex

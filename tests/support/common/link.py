@@ -1,7 +1,5 @@
 """Flights in a closed loop: the simulated aircraft flies what `eadp replan` decides by disturbed lines of telemetry."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator

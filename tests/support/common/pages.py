@@ -1,7 +1,5 @@
 """What is in an HTML page of eadp, read as a browser would."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -72,11 +72,7 @@ OPERATORS = {
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-WORDS = {name: getattr(math, name) for name in FUNCTIONS if hasattr(math, name)} | {
-    "abs": abs,
-    "min": min,
-    "max": max,
-}
+WORDS = {name: getattr(math, name) for name in FUNCTIONS if hasattr(math, name)} | {"abs": abs, "min": min, "max": max}
 
 
 def pythons_value(text):
@@ -278,20 +274,11 @@ def test_numbers_keep_every_digit(value):
 def test_constants_that_are_no_finite_real_number(text, culprit):
     error = error_of(text)
     assert error.offset == text.index(culprit)
-    assert (error.message, error.expected) == (
-        "a constant part without a finite real value",
-        "a finite real number",
-    )
+    assert (error.message, error.expected) == ("a constant part without a finite real value", "a finite real number")
 
 
 @pytest.mark.parametrize(
-    ("text", "offset"),
-    [
-        ("x+1e301", 2),
-        ("x+1e200*1e101", 7),
-        ("x*1e200*y*1e200", 1),
-        ("x+10^64^0.9*exp(690)", 11),
-    ],
+    ("text", "offset"), [("x+1e301", 2), ("x+1e200*1e101", 7), ("x*1e200*y*1e200", 1), ("x+10^64^0.9*exp(690)", 11)]
 )
 def test_constants_that_are_too_large(text, offset):
     error = error_of(text)
@@ -323,8 +310,7 @@ def test_length_limit():
 
 
 @pytest.mark.parametrize(
-    ("before", "after"),
-    [("(", ")"), ("sqrt(", ")"), ("-", ""), ("+", ""), ("2^", ""), ("x*(", ")"), ("(1 + 2*-", ")")],
+    ("before", "after"), [("(", ")"), ("sqrt(", ")"), ("-", ""), ("+", ""), ("2^", ""), ("x*(", ")"), ("(1 + 2*-", ")")]
 )
 def test_nesting_limit(before, after):
     def nested(levels):
@@ -358,17 +344,7 @@ def test_digits_limit():
 # --- nothing is run, nothing but ExpressionError ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "__import__('os')",
-        "().__class__.__bases__[0]",
-        "x if x else y",
-        "1j",
-        "x@y",
-        "nan",
-    ],
-)
+@pytest.mark.parametrize("text", ["__import__('os')", "().__class__.__bases__[0]", "x if x else y", "1j", "x@y", "nan"])
 def test_code_is_no_expression(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     error_of(text)

@@ -21,9 +21,8 @@ BY_DIFFERENCES = 1e-6
 
 
 def speed_of(course_rad, wind_mps, airspeed_mps=AIRSPEED_MPS):
-    speeds, along = ground_speeds_mps(
-        np.array([math.cos(course_rad)]), np.array([math.sin(course_rad)]), airspeed_mps, wind_mps
-    )
+    course = np.array([math.cos(course_rad)]), np.array([math.sin(course_rad)])
+    speeds, along = ground_speeds_mps(*course, airspeed_mps, wind_mps)
     return float(speeds[0]), float(along[0])
 
 

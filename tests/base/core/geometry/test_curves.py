@@ -166,12 +166,7 @@ def test_circles_worked_by_hand(text, parameters, centre, radius, turn):
 
 @pytest.mark.parametrize(
     ("text", "parameter"),
-    [
-        ("x^2+y^2+1", 0.0),
-        ("x^2+y^2", 0.0),
-        ("x^2+y^2-4900-c1", -5000.0),
-        ("c1*(x^2+y^2)-25", 0.0),
-    ],
+    [("x^2+y^2+1", 0.0), ("x^2+y^2", 0.0), ("x^2+y^2-4900-c1", -5000.0), ("c1*(x^2+y^2)-25", 0.0)],
 )
 def test_no_circle_at_these_parameters(text, parameter):
     with pytest.raises(PathUndefined, match=r"is no circle|whose radius² is"):

@@ -124,12 +124,7 @@ def test_pieces_follow_one_another(start, end, radius):
             assert apart(start, end) == pytest.approx((0, 0), abs=1e-8)
 
 
-@given(
-    near_poses,
-    radii,
-    st.sampled_from(WORDS),
-    st.tuples(st.floats(0, 6.28), st.floats(0, 6.28), st.floats(0, 6.28)),
-)
+@given(near_poses, radii, st.sampled_from(WORDS), st.tuples(st.floats(0, 6.28), st.floats(0, 6.28), st.floats(0, 6.28)))
 @example((0.0, 0.0, 0.0), 20.0, "LRL", (0.1, 4.5, 0.2))  # the shortest itself
 @example((0.0, 0.0, 0.0), 20.0, "RSL", (0.4, 2.5, 0.2))
 @example((0.0, 0.0, 0.0), 7.5, "LSL", (0.0, 0.0, 6.25))

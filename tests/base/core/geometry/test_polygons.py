@@ -8,13 +8,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.geometry.polygons import (
-    covered_share,
-    flaws,
-    signed_area_m2,
-    simplified,
-    strip_extents,
-)
+from eadp.core.geometry.polygons import covered_share, flaws, signed_area_m2, simplified, strip_extents
 
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
 

@@ -1,7 +1,5 @@
 """The standard error of a mean: against the exact variance of the mean of an AR(1), and against plain definitions."""
 
-from __future__ import annotations
-
 import math
 import statistics
 

@@ -1,7 +1,5 @@
 """Energy models in files: written and read back the same, or refused at the place that is wrong."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -53,16 +53,10 @@ def test_a_parameter_is_drawn_in_its_unit(flight):
 def test_the_letters_panels(monkeypatch, flight):
     panels = drawn(monkeypatch, flight)
     assert list(panels) == [
-        "Power and estimate",
-        "Detail: the first periods",
-        "Period T",
-        "Battery and horizon",
-        "",
-        "State q: the mean of the motion, α0",
-        "State q: harmonics",
-        "Power spectrum of the motion",
+        "Power and estimate", "Detail: the first periods", "Period T", "Battery and horizon", "",
+        "State q: the mean of the motion, α0", "State q: harmonics", "Power spectrum of the motion",
         "Periodogram of the motion",
-    ]
+    ]  # fmt: skip
     for title, axes in panels.items():
         assert axes.get_ylabel().endswith("]") or "R²" in axes.get_ylabel(), title
     period_s = flight.estimates[-1].period_s

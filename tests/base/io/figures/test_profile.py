@@ -1,7 +1,5 @@
 """Pictures of profiles: what is in them for each kind of model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -40,12 +38,7 @@ def labels(profile: Profile) -> list[str]:
 
 
 def test_a_curve_goes_through_what_was_measured() -> None:
-    assert labels(LINE) == [
-        "model",
-        "measured",
-        "± 1 standard deviation",
-        "± 2 standard errors",
-    ]
+    assert labels(LINE) == ["model", "measured", "± 1 standard deviation", "± 2 standard errors"]
     axes = drawn(LINE).axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("fps [1/s]", "power [W]")
     curve = next(line for line in axes.lines if line.get_label() == "model")

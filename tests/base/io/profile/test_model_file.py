@@ -1,7 +1,5 @@
 """Measurements and models of the computations in files: what is read, refused and where, and written."""
 
-from __future__ import annotations
-
 import json
 import statistics
 from collections.abc import Callable
@@ -18,12 +16,7 @@ from hypothesis import strategies as st
 from eadp.core.signals import average
 from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, InputError
 from eadp.io.profile.measurements import STD_LIMIT, Configuration
-from eadp.io.profile.model_file import (
-    parse_profile,
-    profile_document,
-    profile_yaml,
-    read_profile,
-)
+from eadp.io.profile.model_file import parse_profile, profile_document, profile_yaml, read_profile
 from eadp.io.text.streams import Text
 from eadp.models.profile import Profile
 
@@ -64,8 +57,7 @@ def test_header_with_names_and_power_in_watts() -> None:
 
 
 @pytest.mark.parametrize(
-    "header",
-    ["fps [1/s],power [mW]", "fps [1/s],power_mw", "fps (1/s) , Power (mW)", '"fps [1/s]","power_mW"'],
+    "header", ["fps [1/s],power [mW]", "fps [1/s],power_mw", "fps (1/s) , Power (mW)", '"fps [1/s]","power_mW"']
 )
 def test_units_of_header(header: str) -> None:
     profile = parse(f"{header}\n2,5214.38\n4,6942.12\n")
@@ -201,11 +193,7 @@ def test_two_traces_at_one_configuration_are_two_runs(written: Callable[..., lis
 @pytest.mark.parametrize(
     ("bodies", "options", "starts"),
     [
-        (
-            {"a": TRACE, "b": TRACE},
-            {"configurations": [STEADY]},
-            "--config:1:1: error: 1 configurations for 2 files",
-        ),
+        ({"a": TRACE, "b": TRACE}, {"configurations": [STEADY]}, "--config:1:1: error: 1 configurations for 2 files"),
         ({"a": TRACE}, {"configurations": [STEADY]}, "a.csv:3:1: error: one configuration only"),
         (
             {"a": "fps,power_w\n2,5\n", "b": "rate,power_w\n4,5\n"},
@@ -256,10 +244,7 @@ def test_several_files_that_are_refused(
             "fps,power_w\n2,5\n2,5\n",
             ["3:1: error: one configuration only; expected measurements of two configurations or more"],
         ),
-        (
-            "fps,power_w\n",
-            ["1:1: error: no measurements; expected measurements of two configurations or more"],
-        ),
+        ("fps,power_w\n", ["1:1: error: no measurements; expected measurements of two configurations or more"]),
         (
             "fps|power_w\n2|5\n",
             ["1:1: error: one column only; expected a header such as fps,power_w, fields separated by commas"],
@@ -279,10 +264,7 @@ def test_several_files_that_are_refused(
             "fps,power_w,power_mw\n2,5,5\n",
             ["1:13: error: several columns of power: power_w, power_mw; expected one, called power_w, or --power NAME"],
         ),
-        (
-            "fps,power [MW]\n2,5\n",
-            ["1:5: error: MW is no known unit of power; expected a header such as fps,power_w"],
-        ),
+        ("fps,power [MW]\n2,5\n", ["1:5: error: MW is no known unit of power; expected a header such as fps,power_w"]),
         (
             "fps,2nd,fps,,power_w\n2,5,5,5,5\n",
             [
@@ -405,18 +387,12 @@ def changed(old: str, new: str) -> str:
             changed("power_w: 5}", "power_w: .nan}"),
             ["8:28: error: .nan is not a finite number; expected a finite number"],
         ),
-        (
-            changed("at: [10, 32]", "at: [10]"),
-            ["10:6: error: 1 values for 2 parameters; expected one for each"],
-        ),
+        (changed("at: [10, 32]", "at: [10]"), ["10:6: error: 1 values for 2 parameters; expected one for each"]),
         (
             changed("at: [10, 32]", "at: [2, 32]"),
             ["10:6: error: the configuration 2, 32 stands twice; expected each once"],
         ),
-        (
-            changed('name: "keysize"', 'name: "fps"'),
-            ["5:6: error: the name fps stands twice; expected each once"],
-        ),
+        (changed('name: "keysize"', 'name: "fps"'), ["5:6: error: the name fps stands twice; expected each once"]),
         (
             "schema: eadp.profile/1\nparameters: []\npoints: [3]\n",
             [
@@ -486,9 +462,8 @@ TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
 def test_published_traces_are_the_published_model() -> None:
     files = [reference(name) for name in TRACES]
     model, _ = read_profile(reference("landing_powprofiler_model.csv"), ["fps"])
-    profile, warnings = read_profile(
-        files, configurations=[Configuration(("fps",), ("",), (fps,)) for fps in (0.5, 10)]
-    )
+    configurations = [Configuration(("fps",), ("",), (fps,)) for fps in (0.5, 10)]
+    profile, warnings = read_profile(files, configurations=configurations)
     assert warnings == []
     for fps in (0.5, 10.0):  # printed to six digits
         assert points_of(profile)[(fps,)] == pytest.approx(points_of(model)[(fps,)], rel=5e-6)

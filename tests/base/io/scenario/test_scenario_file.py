@@ -15,13 +15,7 @@ from eadp.io.vehicle import VehicleFile
 from eadp.simulation.loop import Outcome, fly
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("disturbance_std_w", -0.1),
-        ("disturbance_time_s", 0.0),
-    ],
-)
+@pytest.mark.parametrize(("key", "value"), [("disturbance_std_w", -0.1), ("disturbance_time_s", 0.0)])
 def test_values_that_mean_nothing_are_refused(key, value):
     with pytest.raises(InputError) as refused:
         read_scenario(None, {f"estimator.{key}": value})
@@ -31,23 +25,9 @@ def test_values_that_mean_nothing_are_refused(key, value):
 # --- every key
 
 UNITS = {
-    "w_per_sqrt_s": "W/√s",
-    "per_s": "1/s",
-    "per_h": "1/h",
-    "per_m": "1/m",
-    "mps": "m/s",
-    "kgpm3": "kg/m³",
-    "m2": "m²",
-    "ohm": "Ω",
-    "deg": "°",
-    "ah": "Ah",
-    "kg": "kg",
-    "s": "s",
-    "m": "m",
-    "w": "W",
-    "v": "V",
-    "n": "N",
-}
+    "w_per_sqrt_s": "W/√s", "per_s": "1/s", "per_h": "1/h", "per_m": "1/m", "mps": "m/s", "kgpm3": "kg/m³", "m2": "m²",
+    "ohm": "Ω", "deg": "°", "ah": "Ah", "kg": "kg", "s": "s", "m": "m", "w": "W", "v": "V", "n": "N",
+}  # fmt: skip
 """Units by how a key's name ends; the first that fits."""
 
 
@@ -194,10 +174,7 @@ def faults_of(tmp_path, body):
 @pytest.mark.parametrize(
     ("body", "fault"),
     [
-        (
-            "wind: {speed_mps: 6,5, from_deg: 270}",
-            "2:21: error: unknown key wind.5",
-        ),
+        ("wind: {speed_mps: 6,5, from_deg: 270}", "2:21: error: unknown key wind.5"),
         (
             "reserve_soc: 0,1",
             "2:1: error: reserve_soc cannot be '0,1'; expected a number with a decimal point, as in 0.1",

@@ -33,11 +33,8 @@ def test_json_is_what_the_standard_library_reads(value, indent, ascii_only):
 def test_what_is_no_json_is_none_for_either(value, data):
     text = json.dumps(value)
     at = data.draw(st.integers(0, len(text)))
-    text = (
-        text[:at]
-        + data.draw(st.sampled_from(list('[]{},:"0-.e+ \nt\\')))
-        + text[data.draw(st.integers(at, len(text))) :]
-    )
+    odd = data.draw(st.sampled_from(list('[]{},:"0-.e+ \nt\\')))
+    text = text[:at] + odd + text[data.draw(st.integers(at, len(text))) :]
     twice = []
 
     def pairs(items):

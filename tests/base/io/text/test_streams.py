@@ -11,14 +11,7 @@ from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.text import streams
-from eadp.io.text.streams import (
-    FILES,
-    Text,
-    check_new_folder,
-    new_folder,
-    read_text,
-    write_text,
-)
+from eadp.io.text.streams import FILES, Text, check_new_folder, new_folder, read_text, write_text
 
 unhurried = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -254,12 +247,7 @@ def test_what_comes_while_a_folder_is_filled_is_not_replaced(tmp_path, force):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "[",
-        '{"files": ["old", "files.json"]}',
-        '{"schema": "eadp.files/1", "files": [1, "../i/old", "../old"]}',
-        "[" * 10**5,
-    ],
+    ["[" * 10**5, '{"files": ["old", "files.json"]}', '{"schema": "eadp.files/1", "files": [1, "../i/old", "../old"]}'],
 )
 def test_a_damaged_list_of_files_protects_all(tmp_path, text):
     (tmp_path / "old").write_text("old")

@@ -1,7 +1,5 @@
 """YAML read strictly: the scalars of YAML 1.2's core, and every refusal with its place."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -70,8 +68,7 @@ json_values = st.recursive(
         st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), max_size=8),
     ),
     lambda inner: st.one_of(
-        st.lists(inner, max_size=4),
-        st.dictionaries(st.text("abcdefgh_", min_size=1, max_size=5), inner, max_size=4),
+        st.lists(inner, max_size=4), st.dictionaries(st.text("abcdefgh_", min_size=1, max_size=5), inner, max_size=4)
     ),
     max_leaves=12,
 )

@@ -127,10 +127,7 @@ def test_a_vehicle_may_be_set_and_stand_inline(scenario):
 STATED = "{span_m: 2.1, mass_kg: 3.4, airspeed_mps: 17"
 BAD = [
     ("airframe: {mass: 3}", ":2:12: error: unknown key airframe.mass; expected one of model, mass_kg"),
-    (
-        "airframe: {throttle_power_w: 3}",
-        ":2:12: error: airframe.throttle_power_w is a key of model paper, not",
-    ),
+    ("airframe: {throttle_power_w: 3}", ":2:12: error: airframe.throttle_power_w is a key of model paper, not"),
     ("airframe: {model: kite}", ":2:12: error: unknown airframe.model kite; expected one of fixed-wing, paper"),
     ("battery: {voltage_empty_v: 15}", ":2:11: error: battery.voltage_empty_v: 15 V is above voltage_v"),
     (

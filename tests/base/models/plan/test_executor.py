@@ -1,7 +1,5 @@
 """The plan as it is flown: arming, passing, laps and their shifts, changes of parameters, the end."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -13,9 +11,7 @@ from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
 from eadp.models.plan.cursor import LATCHED, LIVE, PlanCursor, Rules, reaches, shift_at
-from eadp.models.plan.executor import (
-    PlanExecutor,
-)
+from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.trace import default_start, nominal_legs
 
 NANOMETRE = 1e-9
@@ -112,9 +108,8 @@ def test_of_two_stages_in_one_place_each_is_flown():
 @pytest.mark.parametrize("rotation", [90, 270])
 def test_a_line_past_its_trigger(off_m, rotation):
     up = 1 if rotation == 90 else -1
-    itinerary = begun(
-        plan_of(f"1; {rotation}; x - 30\n30, 0\n1; 90; y\n500, 0\n"), position=(30.0 + off_m, -200.0 * up)
-    )
+    plan = plan_of(f"1; {rotation}; x - 30\n30, 0\n1; 90; y\n500, 0\n")
+    itinerary = begun(plan, position=(30.0 + off_m, -200.0 * up))
     _, y = first_change(itinerary, polyline((30 + off_m, -200 * up), (30 + off_m, 200 * up)))
     early = math.sqrt(RADIUS_M**2 - off_m**2) if abs(off_m) < RADIUS_M else 0
     assert y * up == pytest.approx(-early, abs=STEP_M + NANOMETRE)
@@ -127,9 +122,8 @@ def test_a_circle_past_its_trigger(off_m, rotation, sweep_deg):
     turn = 1 if rotation == 90 else -1
     begin = 160 * turn  # so that ±180° lies on the way
     end = math.radians(begin + turn * sweep_deg)
-    text = (
-        f"1; {rotation}; (x-7)^2+(y+3)^2-4900\n{7 + 70 * math.cos(end)}, {-3 + 70 * math.sin(end)}\n1; 90; y\n500, 0\n"
-    )
+    trigger = f"{7 + 70 * math.cos(end)}, {-3 + 70 * math.sin(end)}"
+    text = f"1; {rotation}; (x-7)^2+(y+3)^2-4900\n{trigger}\n1; 90; y\n500, 0\n"
     points = list(arc((7, -3), 70 + off_m, begin, begin + turn * 400))
     itinerary = begun(plan_of(text), position=points[0])
     x, y = first_change(itinerary, points)
@@ -542,9 +536,6 @@ def test_default_start(stage, position, heading):
     start, direction = default_start(plan_of(f"{stage}\n1; 90; y\n500, 0\n"), ())
     assert start == pytest.approx(position, abs=NANOMETRE)
     assert (math.cos(direction), math.sin(direction)) == pytest.approx((math.cos(heading), math.sin(heading)))
-
-
-# --- the closed form of a path ----------------------------------------------------------------------------------------
 
 
 # --- where others tell what is flown

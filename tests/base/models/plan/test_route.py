@@ -1,7 +1,5 @@
 """What is left of a plan: against the nominal flight, against plans as they are flown, and times by integration."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import math

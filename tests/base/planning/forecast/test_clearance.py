@@ -25,14 +25,10 @@ def inputs(tmp_path, radius, clear, limits="", **overrides):
     path = tmp_path / "house.plan"
     path.write_text(limits + PLAN.format(radius=radius, **numbers))
     keys = {
-        "planner.name": "static",
-        "start.position_m": [0.0, 0.0],
-        "start.heading_deg": 90.0,
-        "vehicle.airframe.airspeed_mps": 15.0,
-        "vehicle.airframe.max_bank_deg": 30.0,
-        "battery.capacity_ah": 5.0,
+        "planner.name": "static", "start.position_m": [0.0, 0.0], "start.heading_deg": 90.0,
+        "vehicle.airframe.airspeed_mps": 15.0, "vehicle.airframe.max_bank_deg": 30.0, "battery.capacity_ah": 5.0,
         "step_s": 0.02,
-    }
+    }  # fmt: skip
     return load_flight(str(path), overrides=keys | {key.replace("__", "."): value for key, value in overrides.items()})
 
 

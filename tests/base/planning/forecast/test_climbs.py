@@ -114,11 +114,7 @@ def test_a_flight_starts_at_the_altitude_of_its_first_stage(inputs_of):
 
 @pytest.mark.parametrize(
     ("airspeed", "wind", "what"),
-    [
-        (7, 0, "stage 2: an airspeed of 7 m/s is below the stall's 7.4 m/s"),
-        (12, 13, "a wind of 13 m/s"),
-        (60, 0, "motor"),
-    ],
+    [(7, 0, "stage 2: an airspeed of 7 m/s is below the stall's 7.4"), (12, 13, "a wind of 13 m/s"), (60, 0, "motor")],
 )
 def test_airspeeds_that_cannot_be_flown_are_errors_at_their_stage(airspeed, wind, what, inputs_of):
     with pytest.raises(InputError) as caught:
@@ -145,7 +141,6 @@ def test_an_ardupilot_takes_off_at_full_throttle(inputs_of):
     assert at_full - usual == pytest.approx(full_j - CLIMB_J / 4, rel=1e-3)
     # in the air it climbs as any other
     flying = {"start.altitude_m": 25.0}
-    one, other = (
-        inputs_of(text, **flying, **more).preflight().forecast for more in ({}, {"autopilot.kind": "ardupilot"})
-    )
+    kinds = {}, {"autopilot.kind": "ardupilot"}
+    one, other = (inputs_of(text, **flying, **more).preflight().forecast for more in kinds)
     assert one.energy_wh == pytest.approx(other.energy_wh)

@@ -61,9 +61,8 @@ def test_the_envelope_is_the_upper_hull(points):
     # what it gives at every power is the most that is possible
     for power in {*powers.tolist(), *((powers.min() + powers.max()) / 2 * np.ones(1)).tolist()}:
         at = min(power, envelope.powers_w[-1])
-        assert np.interp(at, envelope.powers_w, envelope.values) == pytest.approx(
-            most_at(powers, values, power), abs=HULL
-        )
+        found = np.interp(at, envelope.powers_w, envelope.values)
+        assert found == pytest.approx(most_at(powers, values, power), abs=HULL)
 
 
 # --- envelopes of a mission's stages ----------------------------------------------------------------------------------

@@ -129,14 +129,11 @@ def test_a_leg_that_is_taken_up_again_is_joined_in_a_straight_line(at_start):
 def stepped_soc(forecasting, found, powers_w, increments=400):
     """The state of charge at the end of a place's legs, the battery drained in small steps at the voltage it has."""
     battery, known = forecasting.mission.battery, forecasting.known
-    soc, drained = known.soc, 0.0
+    soc = known.soc
     for seconds, power_w in zip(found.load.times_s, powers_w, strict=True):
         for _ in range(increments):
-            volts = battery.voltage_at(max(soc, 0.0))
-            rate = -battery.drain_per_s(power_w, volts)
-            soc += rate * seconds / increments
-            drained -= rate * seconds / increments
-    return soc, drained
+            soc -= battery.drain_per_s(power_w, battery.voltage_at(max(soc, 0.0))) * seconds / increments
+    return soc
 
 
 @pytest.mark.parametrize("battery", ["constant voltage", "falling voltage"])
@@ -148,7 +145,7 @@ def test_charge_against_a_battery_that_is_stepped(battery, share):
     found = forecasting.at(share)
     filling = found.filled()
     powers_w = found.load.motion_w + found.computing_w(filling.shares)
-    soc, _ = stepped_soc(forecasting, found, powers_w)
+    soc = stepped_soc(forecasting, found, powers_w)
     within = 1e-4 if battery == "constant voltage" else 0.02
     assert found.known.soc - float(filling.use[0]) == pytest.approx(soc, abs=within)
     forecast = found.forecast(filling)
@@ -176,9 +173,8 @@ def test_standard_deviations_against_draws(seed):
     late_s = seconds * (ratio - 1) + math.sqrt(known.time.noise_s * seconds) * rng.standard_normal(draws)
     assert forecast.remaining_std_s == pytest.approx(late_s.std(), rel=0.03)
     m = known.motion
-    levels = rng.multivariate_normal(
-        (0, 0), [[m.var_level, m.cov_level_slope], [m.cov_level_slope, m.var_slope]], draws
-    )
+    matrix = [[m.var_level, m.cov_level_slope], [m.cov_level_slope, m.var_slope]]
+    levels = rng.multivariate_normal((0, 0), matrix, draws)
     _, turning_s = found.routes[0].times_s(known.airspeed_mps, known.wind.mps)
     more_j = levels @ (seconds, float(turning_s.sum())) + math.sqrt(m.noise * seconds) * rng.standard_normal(draws)
     energy_j = more_j + float(powers_w @ found.load.times_s) / seconds * late_s
@@ -223,9 +219,8 @@ def test_an_uncertain_wind_against_draws_of_winds(wind_mps, share):
 
 def test_losses_are_expected_as_a_poisson_process_takes_them():
     rate = 6.0 / 3600
-    without, losing = (
-        Forecasting(survey_inputs(**CALM), objective=Objective(0.05, 0.95, each)).at(0.0) for each in (0.0, rate)
-    )
+    objectives = [Objective(0.05, 0.95, each) for each in (0.0, rate)]
+    without, losing = (Forecasting(survey_inputs(**CALM), objective=each).at(0.0) for each in objectives)
     filling = fill_greedy(losing.knapsack._replace(available=losing.knapsack.base_use))
     ends = [found.forecast(filling) for found in (without, losing)]
     rng = np.random.default_rng(0)
@@ -281,9 +276,8 @@ def test_the_letters_limit_excludes_configurations_late_in_the_flight():
     forecasting = Forecasting(survey_inputs(**CALM), battery=battery, objective=Objective(0.05, 0.5))
     found, b = forecasting.at(0.2), forecasting.mission.battery
     # drained at maximum power, as the limits are taken
-    taken = found.load.times_s * np.array(
-        [b.drain_per_s(p, b.voltage_v) for p in found.load.motion_w + found.load.max_w]
-    )
+    powers_w = found.load.motion_w + found.load.max_w
+    taken = found.load.times_s * [b.drain_per_s(power_w, b.voltage_v) for power_w in powers_w]
     slower = min(1.0, (found.known.soc - 0.05) / taken.sum())
     socs = found.known.soc - np.cumsum(taken) * slower
     allowed = np.maximum(socs, 0) * b.capacity_ah * b.voltage_v * 8.5 - found.load.peak_w
@@ -346,14 +340,9 @@ def test_the_charge_that_minimum_power_requires_at_the_end_is_kept():
 
 def leg_use(forecasting, found, last):
     """Charge used at minimum power up to the end of a leg."""
-    b = forecasting.mission.battery
-    uses = [
-        found.load.times_s[i]
-        * b.drain_per_s(found.load.motion_w[i] + found.load.min_w[i], found.limits.volts[i])
-        * float(found.totals.use_ratio[0])
-        for i in range(last + 1)
-    ]
-    return sum(uses)
+    b, powers_w = forecasting.mission.battery, found.load.motion_w + found.load.min_w
+    drains = [b.drain_per_s(powers_w[i], found.limits.volts[i]) for i in range(last + 1)]
+    return float(found.load.times_s[: last + 1] @ drains) * float(found.totals.use_ratio[0])
 
 
 # --- value ------------------------------------------------------------------------------------------------------------

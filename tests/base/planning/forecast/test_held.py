@@ -1,7 +1,5 @@
 """Forecasts at parameters that are held: against flights with them, in calm air and in gusts, before and in flight."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from statistics import NormalDist

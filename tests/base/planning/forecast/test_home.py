@@ -50,10 +50,8 @@ def test_the_way_home_takes_a_turn_and_a_line_at_least_power(home, wind_mps):
 
 def test_a_higher_way_home_takes_a_climb():
     """Of m g Δh / η from the altitude of cruise, 25 m; a lower one takes nothing."""
-    level, high, low = (
-        home_spare(forecasting.at(0.0))
-        for forecasting in (forecasting_of(), *(forecasting_of(**{"home.altitude_m": m}) for m in (125.0, 5.0)))
-    )
+    heights = {}, {"home.altitude_m": 125.0}, {"home.altitude_m": 5.0}
+    level, high, low = (home_spare(forecasting_of(**each).at(0.0)) for each in heights)
     assert low == level
     mission = forecasting_of().mission
     climb_ah = 100 * mission.vehicle.climb_j_per_m / mission.battery.voltage_v / 3600
@@ -64,9 +62,8 @@ def test_a_higher_way_home_takes_a_climb():
 def test_it_falls_with_distance_and_with_the_probability_that_is_asked_for():
     by_distance = [home_spare(forecasting_of((0.0, -y)).at(0.0)) for y in (500.0, 1500.0, 4000.0)]
     assert by_distance == sorted(by_distance, reverse=True)
-    even, sure = (
-        home_spare(forecasting_of(objective=Objective(0.05, probability)).at(0.0)) for probability in (0.5, 0.95)
-    )
+    objectives = [Objective(0.05, probability) for probability in (0.5, 0.95)]
+    even, sure = (home_spare(forecasting_of(objective=each).at(0.0)) for each in objectives)
     assert sure < even
     losing = home_spare(forecasting_of(objective=Objective(0.05, 0.95, 1 / 600)).at(0.0))
     assert losing < sure
@@ -76,10 +73,8 @@ def test_against_a_wind_as_strong_as_the_airspeed_there_is_no_way_home():
     reached = []
     for speed in (0.0, 14.9, 15.5):
         forecasting = forecasting_of((-2000.0, 0.0))
-        found = forecasting.at(0.0)
         known = forecasting.known._replace(wind=WindKnown((speed, 0.0)))
-        spare = home_spare(type(found)(**{**vars(found), "known": known}))
-        reached.append(spare)
+        reached.append(home_spare(replace(forecasting.at(0.0), known=known)))
     assert reached[0] > 0 > reached[1] > reached[2] == -math.inf
 
 
@@ -94,9 +89,7 @@ def test_the_latest_turn_back_lies_between_take_off_and_the_end():
     assert latest_turn_back(forecasting_of(None).at(0.0), found.filled()) is None
 
 
-@pytest.mark.parametrize(
-    ("home", "capacity_ah"), [((0.0, -1000.0), 0.25), ((300.0, 900.0), 0.3), ((600.0, 100.0), 0.28)]
-)
+@pytest.mark.parametrize(("home", "capacity_ah"), [((0, -1000), 0.25), ((300, 900), 0.3), ((600, 100), 0.28)])
 def test_no_point_after_the_latest_turn_back_is_within_reach_of_home(home, capacity_ah):
     """Beside fifty points of each leg; halving ends within `STEP_M`."""
     found = forecasting_of(home, **{"battery.capacity_ah": capacity_ah}).at(0.0)
@@ -180,10 +173,8 @@ def test_an_autopilot_climbs_to_its_altitude_and_circles_at_home(tmp_path, kind)
 def test_what_makes_px4_turn_back_is_in_the_reserve(tmp_path):
     """1.1 times the time home and 100 s of flight are left wherever it flies; off by its parameter."""
     small = {"battery.capacity_ah": 0.6}
-    ends = [
-        returning(tmp_path, "px4", **small, **{"autopilot.parameters": {"COM_FLTT_LOW_ACT": action}}).at(())
-        for action in (3.0, 0.0)
-    ]
+    actions = [{"autopilot.parameters": {"COM_FLTT_LOW_ACT": action}} for action in (3.0, 0.0)]
+    ends = [returning(tmp_path, "px4", **small, **each).at(()) for each in actions]
     keeps, free = (float(each.own.turns_back_soc[0]) for each in ends)
     assert free == 0
     battery, power_w = ends[0].evaluator.mission.battery, float(ends[0].totals.mean_w[0])

@@ -1,7 +1,5 @@
 """The joint planner in simulated flights, and what it says of them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -276,12 +274,8 @@ def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
 
 def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():
     """Up to 100 m, home and once round, in the forecast, with a whole turn towards home, and in the flight."""
-    keys = {
-        **CALM,
-        "battery.capacity_ah": 0.9,
-        "home.position_m": [0.0, -600.0],
-        "vehicle.airframe.model": "fixed-wing",
-    }
+    keys = {**CALM, "battery.capacity_ah": 0.9, "home.position_m": [0.0, -600.0]}
+    keys["vehicle.airframe.model"] = "fixed-wing"
     own = flown(**keys, **{"autopilot.kind": "ardupilot", "planner.name": "static"})
     plain = flown(**keys, **{"planner.name": "static"})
     assert (own.outcome.completed, own.outcome.reason) == (True, "final point reached")
@@ -295,10 +289,7 @@ def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():
 
 @pytest.mark.parametrize(
     ("overrides", "what"),
-    [
-        ({"home.position_m": None}, "home, which has no location"),
-        ({"planner.name": "static"}, "home, with planner static"),
-    ],
+    [({"home.position_m": None}, "home, which has no location"), ({"planner.name": "static"}, "home, with planner")],
 )
 def test_a_flight_home_needs_a_home_and_a_forecast(overrides, what):
     with pytest.raises(InputError, match=what):
