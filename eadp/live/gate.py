@@ -281,6 +281,9 @@ class Departure:
 APPLY_S, SAME_SHARE = 10.0, 0.01
 """Time in which the aircraft applies a parameter [s]; and by how much a value may be off, as a share of its set."""
 
+APART_S = 3.0
+"""By how much the aircraft may start a stage before positions show it, or after [s]."""
+
 
 class AppliedParameters:
     """Which of the parameters decided the aircraft applies, by those that it reports to be in force.
@@ -312,6 +315,11 @@ class AppliedParameters:
         """The value that was reported of a parameter when another value of it was decided."""
         self._refused_s: dict[int, float] = {}
         """Since when a parameter that should have changed is reported as it was [s]."""
+        self._ahead_s: dict[int, float] = {}
+        """Since when a parameter is reported as decided, though by the plan's rules it is not in force yet [s]."""
+        self._expected = parameters
+        self._left: dict[int, tuple[float, float]] = {}
+        """Of each parameter: the value in force before its last change by the plan's rules, and that time [s]."""
 
     @property
     def effective(self) -> Vector:
@@ -355,6 +363,23 @@ class AppliedParameters:
                 self.held[i] = value
                 del self._refused_s[i]
         return held_before != self.held
+
+    def update_apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
+        """Indices of reported parameters that differ from `expected`, but have done so for less than `APART_S`.
+
+        `expected` are the parameters in force by the plan's rules. The aircraft may start a stage a little sooner, and
+        report what is decided; or later, and report what was in force before. Such a report is no refusal.
+        """
+        for i, value in enumerate(expected):
+            if value != self._expected[i]:
+                self._left[i] = self._expected[i], time_s
+        self._expected = expected
+        differ = {i: value for i, value in reported.items() if not self._same(i, value, expected[i])}
+        # sooner: reported as decided, since the first such report; later: as before the last change, since that change
+        ahead = [i for i, value in differ.items() if self._same(i, value, self.asked[i])]
+        self._ahead_s = {i: self._ahead_s.get(i, time_s) for i in ahead}
+        behind_s = {i: since_s for i, (value, since_s) in self._left.items() if i in differ and differ[i] == value}
+        return [i for i, since_s in (self._ahead_s | behind_s).items() if time_s - since_s < APART_S]
 
     def _same(self, i: int, one: float, other: float) -> bool:
         """Whether two values of a parameter are the same within its tolerance."""

@@ -366,6 +366,9 @@ class PlanTracker:
         released = [self.applied.release(i) for i in on_their_way]
         reported = self._clipped(parameters, self.executor.stage.sets)
         values = [reported.get(i, value) for i, value in enumerate(expected)]
+        if not self.executor.cursor.table.live:
+            for i in self.applied.update_apart(time_s, reported, expected):
+                values[i] = expected[i]
         try:
             self.executor.take_in_force(values, position)
             if self.applied.update(time_s, reported, expected) or any(released):

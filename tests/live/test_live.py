@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from eadp.api.inputs import load_flight
 from eadp.live.flight import EMPTY, LiveFlight, _GroundVelocity
-from eadp.live.gate import APPLY_S, AppliedParameters
+from eadp.live.gate import APART_S, APPLY_S, AppliedParameters
 from eadp.planning.base import Sample
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.registry import make_flight
@@ -198,6 +198,57 @@ def test_a_parameter_that_is_on_its_way_is_held_no_longer(recorded):
     assert "not-applied" not in warnings_after(1, math.nan)
     assert "not-applied" not in warnings_after(50, math.nan)
     assert "not-applied" in warnings_after(100, 0.0)
+
+
+def test_parameters_of_a_stage_that_positions_do_not_show_yet_wait_for_it(recorded):
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    applied.decide((-500.0, 10.0))
+    assert applied.update_apart(50.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
+    # the aircraft has started the stage that takes c1
+    assert applied.update_apart(60.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(61.0, {0: -500.0, 1: 10.0}, (-500.0, 10.0)) == []
+    # the other way round: it has not started it yet
+    applied.decide((0.0, 10.0))
+    assert applied.update_apart(90.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(91.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
+
+
+def test_parameters_reported_for_longer_or_as_others_are_in_force(recorded):
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    applied.decide((-500.0, 10.0))
+    assert applied.update_apart(50.0, {0: -300.0}, (0.0, 10.0)) == []
+    assert applied.update_apart(60.0, {0: -500.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(60.0 + APART_S, {0: -500.0}, (0.0, 10.0)) == []
+
+
+def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recorded):
+    """What it reports to be in force then takes effect with the stage, as the plan has it."""
+    inputs = recorded[0]
+
+    class Deciding(Recorder):
+        """Decides once, in the first stage."""
+
+        def update(self, state):
+            decision = super().update(state)
+            return decision._replace(parameters=(-500.0, 10.0)) if state.now.time_s > 5 else decision
+
+        next_update_s = 0.0
+
+    flown = inputs_of("static", step_s=0.01, time_limit_s=90.0)  # fine: samples lie beside the starts of stages
+    watching = watched(flown, Deciding)
+    for _ in fly(flown.world, watching, Outcome()):
+        pass
+    recorder = watching.planner
+    held = HeldForecast(inputs.scenario.planner, inputs.mission)
+    flight = LiveFlight(inputs.mission, lambda _: (watched(flown, Deciding), held), 1.0)
+    ahead = 0
+    for o, later in itertools.pairwise(recorder.seen[99::100]):
+        reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
+        advice, _ = flight.update(Sample(o.time_s, o.position_m, o.sample.power_w, o.soc, parameters=reported))
+        ahead += o.parameters[0] != later.parameters[0]
+        assert advice.stage == o.stage
+        assert advice.in_force["c1"] == o.parameters[0]
+    assert ahead > 0
 
 
 def test_a_value_that_is_reported_all_the_time_is_not_one_that_is_not_applied(recorded):
