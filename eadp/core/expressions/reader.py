@@ -27,8 +27,8 @@ from eadp.core.expressions.tree import Expression, Node
 from eadp.errors import ExpressionError, printable
 
 _TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    r"|(?P<name>[A-Za-z][A-Za-z0-9]*)|(?P<op>\*\*|[-+*/^(),])|(?P<end>\Z)|(?P<bad>.))",
+    r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<name>[A-Za-z][A-Za-z0-9]*)|(?P<op>\*\*|[-+*/^(),])|(?P<end>\Z)|(?P<blanks>\s+)|(?P<bad>.)",
     re.DOTALL,
 )
 
@@ -247,5 +247,6 @@ def _tokens(text: str) -> list[_Token]:
         if kind == "bad":
             shown = printable(match["bad"])
             raise ExpressionError(match.start("bad"), f"unexpected character '{shown}'", "an expression")
-        tokens.append(_Token(kind, match[kind], match.start(kind)))
+        if kind != "blanks":
+            tokens.append(_Token(kind, match[kind], match.start(kind)))
     return tokens
