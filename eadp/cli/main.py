@@ -241,7 +241,8 @@ def _pipe(error: Any) -> str:
     from eadp.cli.plan import CHANGES
 
     name = error.option_name
-    if name.lstrip("-") not in (*CHANGES, "min-radius") or all(each.metavar != "PLAN" for each in error.ctx.command.params):
+    moved = name.lstrip("-") in (*CHANGES, "min-radius")
+    if not moved or all(each.metavar != "PLAN" for each in error.ctx.command.params):
         return ""
     return f"{name} is an option of eadp plan: eadp plan PLAN {name} … | eadp {error.ctx.info_name} -"
 

@@ -12,7 +12,6 @@ from typing import Annotated, NamedTuple
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.plan import plan_of
-from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import (
     FARTHEST_M,
     place_text,
@@ -303,20 +302,13 @@ def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float,
     if place is None:
         raise InputError.at(name, 1, 1, "the plan has no place on the earth", "--origin LAT,LON")
     if "--home" in points:
-        _near("--home", points["--home"], place)
+        if to_near_local_m(*points["--home"], place) is None:
+            expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
+            raise _fault("--home", str(options.home_deg), "is far from the plan's origin", expected)
         return place, points["--home"]
     if plan.site.home_m is None or plan.site.home_m == plan.site.start_m:
         return place, None
     return place, to_geodetic_deg(*plan.site.home_m, place)
-
-
-def _near(option: str, given: Position, place: Point) -> Point:
-    """A position of an option in the plan's frame [m]."""
-    found = to_near_local_m(*_position_deg(option, given), place)
-    if found is None:
-        expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
-        raise _fault(option, str(given), "is far from the plan's origin", expected)
-    return found
 
 
 def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:

@@ -90,9 +90,8 @@ class DraftItem:
     above_sea_m: float | None = None
 
 
-NO_MISSION = "a fence, and no mission"
+NO_MISSION = "fences or places to rally, and no mission"
 FOR_FENCE = "a mission; a fence belongs to --inside or --avoid of eadp plan, or into the mission's file"
-FOR_RALLY = "places to rally, and no mission"
 RALLY_LEFT_OUT = "places to rally are left out: an autopilot that has some returns there instead of home"
 
 

@@ -18,7 +18,6 @@ from eadp.errors import Fault, InputError, printable, refuse
 from eadp.exchange.items import (
     ABSOLUTE,
     FOR_FENCE,
-    FOR_RALLY,
     ITEMS_LIMIT,
     LAND,
     LAND_START,
@@ -153,11 +152,8 @@ def read_qgc(source: SourceText) -> MissionDraft:
         _read_item(item.is_(JsonObject), draft)
     draft.fences += _fences_of(root)
     rally = root.member("rallyPoints")
-    if rallies := isinstance(rally.value, JsonObject) and bool(rally.value.get("points")):
+    if isinstance(rally.value, JsonObject) and rally.value.get("points"):
         draft.doubts.append((rally.location, "rally", RALLY_LEFT_OUT))
-    if not draft.items and (draft.fences or rallies):
-        what = (NO_MISSION, FOR_FENCE) if draft.fences else (FOR_RALLY, "a mission")
-        raise source.error(root.member("geoFence" if draft.fences else "rallyPoints").location, *what)
     return draft
 
 
@@ -369,8 +365,7 @@ def read_wpl(source: SourceText) -> MissionDraft:
     home = items[0] if first_is_home and items and items[0].number == 0 and items[0].command == WAYPOINT else None
     moved = items if home is None else items[1:]
     if len(items) < len(rows) and not moved:
-        what = (NO_MISSION, FOR_FENCE) if fences else (FOR_RALLY, "a mission")
-        raise source.error(rows[0].locations[0], *what)
+        raise source.error(rows[0].locations[0], NO_MISSION, FOR_FENCE)
     if rally := [each for each in rows if each.command == RALLY]:
         doubts.append((rally[0].locations[0], "rally", RALLY_LEFT_OUT))
     draft = MissionDraft((0.0, 0.0, 0.0), rows[0].locations[6], moved, fences=fences, doubts=doubts)

@@ -493,11 +493,10 @@ def test_fences_beside_a_mission_keep_it_in_and_out():
     assert radii == pytest.approx([20 / math.cos(math.pi / 32)] * 32, abs=CENTIMETRE_M)
     empty = qgc()
     empty["geoFence"] = {"version": 2, "circles": [{"inclusion": True, "circle": {"center": [47, 8], "radius": 90}}]}
-    for alone in ("QGC WPL 110\n" + FENCE, empty):
+    for alone in ("QGC WPL 110\n" + FENCE, "QGC WPL 110\n" + row(0, 5100, east=0, north=0), empty):
         fault = fault_of(alone)
-        assert fault.message == "a fence, and no mission"
+        assert fault.message == "fences or places to rally, and no mission"
         assert "--inside" in fault.expected
-    assert fault_of("QGC WPL 110\n" + row(0, 5100, east=0, north=0)).message == "places to rally, and no mission"
     assert "without its last 1 corners" in fault_of(wpl(*GOOD) + FENCE[: FENCE.index("\n3\t") + 1]).message
 
 

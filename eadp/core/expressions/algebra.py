@@ -264,11 +264,13 @@ def remainder(expression: Expression) -> str | None:
     """
     sympy = load_sympy()
     value = sympy.expand(_limited(expression))
-    zero = value.equals(0)
-    if zero is not False:
-        return "0" if zero else None
+    if value.has(sympy.nan, sympy.zoo, sympy.oo):
+        return None
+    point = {symbol: sympy.Rational(137 + 10 * i, 100) for i, symbol in enumerate(sorted(value.free_symbols, key=str))}
+    if value != 0 and abs(value.evalf(subs=point)) < 1e-12:
+        return "0" if sympy.simplify(value) == 0 else None
     text = str(sympy.sstr(value))
-    return None if value.has(sympy.nan, sympy.zoo, sympy.oo) or len(text) > tree.LENGTH_LIMIT else text
+    return text if len(text) <= tree.LENGTH_LIMIT else None
 
 
 def same_direction(

@@ -27,8 +27,8 @@ from eadp.core.expressions.tree import Expression, Node
 from eadp.errors import ExpressionError, printable
 
 _TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    r"|(?P<name>[A-Za-z][A-Za-z0-9]*)|(?P<op>\*\*|[-+*/^(),])|(?P<end>\Z)|(?P<bad>.))",
+    r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<name>[A-Za-z][A-Za-z0-9]*)|(?P<op>\*\*|[-+*/^(),])|(?P<end>\Z)|(?P<blanks>\s+)|(?P<bad>.)",
     re.DOTALL,
 )
 
@@ -93,7 +93,6 @@ class _Reader:
         self._next = 0
         self._depth = 0
         self._offsets: dict[str, int] = {}
-        self._non_smooth = ""
         self.token = self._tokens[0]
         self._before = _Token("start", "", 0)
 
@@ -112,10 +111,9 @@ class _Reader:
         raise ExpressionError(token.offset, f"{printable(token.text, 40)!r} cannot stand here", expected)
 
     def expression(self) -> Expression:
-        self._offsets, self._non_smooth = {}, ""
+        self._offsets = {}
         part = self._sum()
-        size = sum(1 for _ in tree.nodes(part.node))  # no text within the limit of characters exceeds that of nodes
-        return Expression(part.node, dict(self._offsets), size, self._non_smooth)
+        return Expression(part.node, dict(self._offsets))
 
     # each rule of the grammar, from the loosest to the tightest
 
@@ -212,8 +210,6 @@ class _Reader:
         name = token.text
         if self.token.text != "(":
             self.fail(f"( after {name}")
-        if name in tree.NON_SMOOTH_FUNCTIONS:
-            self._non_smooth = self._non_smooth or name
         self._deeper()
         arguments = [self._sum()]
         while self.token.text == ",":
@@ -251,5 +247,6 @@ def _tokens(text: str) -> list[_Token]:
         if kind == "bad":
             shown = printable(match["bad"])
             raise ExpressionError(match.start("bad"), f"unexpected character '{shown}'", "an expression")
-        tokens.append(_Token(kind, match[kind], match.start(kind)))
+        if kind != "blanks":
+            tokens.append(_Token(kind, match[kind], match.start(kind)))
     return tokens

@@ -98,9 +98,17 @@ class Expression:
 
     node: Node
     offsets: Mapping[str, int] = field(default_factory=dict, compare=False)
-    size: int = field(default=1, compare=False)
-    non_smooth: str = field(default="", compare=False)
-    """The first function in it that is not twice differentiable everywhere, or ''."""
+
+    @cached_property
+    def size(self) -> int:
+        """The number of its nodes."""
+        return sum(1 for _ in nodes(self.node))
+
+    @property
+    def non_smooth(self) -> str:
+        """A function in it that is not twice differentiable everywhere, or ''."""
+        used = {part.function for part, _ in nodes(self.node) if isinstance(part, Call)}
+        return min(used & NON_SMOOTH_FUNCTIONS, default="")
 
     @cached_property
     def text(self) -> str:
@@ -172,16 +180,14 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
     """
     size = expression.size
     offsets = {name: offset for name, offset in expression.offsets.items() if name not in values}
-    non_smooth = expression.non_smooth
 
     def build(node: Node) -> Node:
-        nonlocal size, non_smooth
+        nonlocal size
         if isinstance(node, Symbol):
             if node.name not in values:
                 return node
             value = values[node.name]
             size += value.size
-            non_smooth = non_smooth or value.non_smooth
             offset = expression.offsets.get(node.name, 0)
             if size > SIZE_LIMIT:
                 raise ExpressionError(offset, "an expression of too many parts", f"at most {SIZE_LIMIT}")
@@ -201,7 +207,7 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
         raise ExpressionError(offset, f"nested deeper than {NESTING_LIMIT} levels", f"at most {NESTING_LIMIT}")
     node = build(expression.node)
     _check_constants(node, offset)
-    return Expression(node, offsets, size, non_smooth)
+    return Expression(node, offsets)
 
 
 def _depth(node: Node) -> int:
@@ -249,12 +255,12 @@ def constant_value(node: Node, values: Sequence[float | None], offset: int) -> f
 
 def total(a: Expression, b: Expression) -> Expression:
     """a + b."""
-    return Expression(Sum(((False, a.node), (False, b.node))), {**b.offsets, **a.offsets}, a.size + b.size + 1)
+    return Expression(Sum(((False, a.node), (False, b.node))), {**b.offsets, **a.offsets})
 
 
 def difference(a: Expression, b: Expression) -> Expression:
     """a − b."""
-    return Expression(Sum(((False, a.node), (True, b.node))), {**b.offsets, **a.offsets}, a.size + b.size + 1)
+    return Expression(Sum(((False, a.node), (True, b.node))), {**b.offsets, **a.offsets})
 
 
 def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:

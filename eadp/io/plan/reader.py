@@ -30,6 +30,8 @@ from eadp.models.plan.structure import equal, find_structure, moves_with, shifts
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
 _DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
+_LIKE_DECIMALS = re.compile(r"\A[^,]*[0-9],[0-9]+,\s|,\s[^,]*[0-9],[0-9]+\s*\Z")
+"""Three numbers of which two are written as one with a decimal comma: `0,5, 400`."""
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
@@ -274,6 +276,10 @@ class _Reader:
         end = _second_comma(line.text)
         if end is not None:
             draft.radius_m = self._number(line, line.text[end + 1 :], end + 1, *RADIUS)
+            if _LIKE_DECIMALS.search(line.text):
+                radius = printable(line.text[end + 1 :].strip(), 40)
+                message = f"a trigger with a radius of {radius} m, or a decimal comma"
+                self._findings.append(Finding("warning", len(self._drafts), line.number, "comma", message, line.column))
         expected = f"the trigger of stage {len(self._drafts)}, like -115, 146"
         draft.trigger = self._point(replace(line, text=line.text[:end]), expected)
 

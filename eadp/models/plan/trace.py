@@ -107,12 +107,6 @@ def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float
     PathUndefined
         If the first path has no point or no direction there.
     """
-    return _default_start(plan, tuple(parameters))
-
-
-@lru_cache(KEPT_ROUTES)
-def _default_start(plan: Plan, parameters: Vector) -> tuple[Point, float]:
-    """`default_start`, kept for the next flight."""
     stage = plan.stages[0]
     path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
     point = plan.site.start_m or stage.track(path, trigger).approach()

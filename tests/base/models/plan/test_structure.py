@@ -53,12 +53,6 @@ def test_a_shift_that_depends_on_a_parameter_is_found_as_a_formula(laps, root):
     assert len(found.shift[0].text) < 40, "as simple as it can be written"
 
 
-def test_paths_need_a_value_within_the_sets_alone():
-    found, _ = plan(survey(2, spacing="100 + sqrt(c1)", rise="10", sets="[0, 1000]\n"))
-    assert found.primitive_stages == 4
-    assert [part.at([49.0]) for part in found.shift] == pytest.approx([107.0, 10.0])
-
-
 def test_a_lap_that_is_cut_short_still_shows_its_structure():
     text = "".join(survey(3).splitlines(keepends=True)[:-3])  # eleven stages: two whole laps and three stages
     found, _ = plan(text)
