@@ -316,15 +316,8 @@ class FixedWing(_Aeroplane):
         # P_max η = ½ρS C_D0 V³ + 2K W²/(ρS V); above the speed of least drag it rises
         density_area = 0.5 * self.air_density_kgpm3 * self.wing_area_m2
         parasitic = density_area * self.zero_lift_drag_coefficient
-        roots = np.roots(
-            [
-                parasitic,
-                0.0,
-                0.0,
-                -self.max_power_w * self.propulsive_efficiency,
-                self.induced_drag * self.weight_n**2 / density_area,
-            ]
-        )
+        thrust_w, induced = self.max_power_w * self.propulsive_efficiency, self.induced_drag * self.weight_n**2
+        roots = np.roots([parasitic, 0.0, 0.0, -thrust_w, induced / density_area])
         real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * abs(root) and root.real > 0]
         return self.stall_mps, max([self.stall_mps, *real])
 
