@@ -70,8 +70,7 @@ def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda planner: pla
 def numbers(outcome, steps):
     """All numbers of a flight."""
     rows = [(*step[:-1], *step.parameters) for step in steps]
-    totals = outcome.totals
-    sums = (totals.energy_j, totals.distance_m, totals.power_min_w, totals.power_max_w, outcome.soc_final)
+    sums = (outcome.energy_j, outcome.distance_m, outcome.power_min_w, outcome.power_max_w, outcome.soc_final)
     return np.array([value for row in rows for value in row] + [*sums, *outcome.stage_times_s])
 
 
