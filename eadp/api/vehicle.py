@@ -4,32 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.errors import Fault
 from eadp.io.profile import model_file
 from eadp.io.text.streams import read_text
 from eadp.io.text.yaml import keys_document
 from eadp.io.vehicle import SCHEMA, VehicleFile, vehicle_of
 from eadp.models.performance import Performance, performance
 from eadp.models.profile import Profile
-
-if TYPE_CHECKING:
-    from eadp.io.scenario import Scenario
-
-
-def profile_of_scenario(setting: Scenario) -> tuple[Profile | None, list[Fault]]:
-    """The profile that a scenario names, None where it names none, and warnings.
-
-    Raises
-    ------
-    InputError
-        With the faults of the file.
-    """
-    if setting.profile_path is None:
-        return None, []
-    return model_file.parse_profile(read_text(setting.profile_path))
 
 
 def read_profile(file: File, *, warn: Warn = python_warnings) -> Profile:

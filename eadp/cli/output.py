@@ -67,9 +67,9 @@ def faults_text(faults: Sequence[Fault]) -> str:
     return escaped("".join(f"{fault}\n" for fault in faults))
 
 
-def usage_fault(option: str, raw: str, message: str, expected: str, column: int = 1) -> InputError:
+def usage_fault(option: str, raw: str, message: str, expected: str) -> InputError:
     """An error in the value of an option, placed in the option's own text."""
-    return InputError.at(option, 1, column, message, expected, raw)
+    return InputError.at(option, 1, 1, message, expected, raw)
 
 
 class Progress:
@@ -141,14 +141,10 @@ def grouped(command: Callable[..., int], *, texts: bool = True) -> Callable[...,
     return run
 
 
-def _taken(kind: type, given: dict[str, Any]) -> dict[str, Any]:
+def _taken(kind: Any, given: dict[str, Any]) -> dict[str, Any]:
     """The values of a dataclass's fields, taken out of those given; a field keeps its default where none is."""
-    values = {field.name: given.pop(field.name) for field in _fields(kind)}
+    values = {field.name: given.pop(field.name) for field in fields(kind)}
     return {name: getattr(value, "value", value) for name, value in values.items() if value is not None}
-
-
-def _fields(kind: Any) -> tuple[Field[Any], ...]:
-    return fields(kind)
 
 
 def _options(kind: Any, *, texts: bool) -> list[inspect.Parameter]:
@@ -161,8 +157,7 @@ def _options(kind: Any, *, texts: bool) -> list[inspect.Parameter]:
     }
     helps = {name: text.replace("\n", " ").replace("`", "") for name, text in found.items()}
     return [
-        _option(field, hints[field.name], helps.get(field.name, ""), sections.get(field.name))
-        for field in _fields(kind)
+        _option(field, hints[field.name], helps.get(field.name, ""), sections.get(field.name)) for field in fields(kind)
     ]
 
 

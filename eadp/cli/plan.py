@@ -98,15 +98,8 @@ def command(
     if trace is not None and not 0 < trace < math.inf:
         message = "a step that is not above 0, or not finite"
         raise usage_fault("--trace", f"{trace:g}", message, "metres, as in --trace 1")
-    read = check_plan(
-        file,
-        min_radius_m=options.min_radius_m,
-        laps=options.laps,
-        avoid=options.avoid,
-        inside=options.inside,
-        terrain=options.terrain,
-        geometry=options.check,
-    )
+    changes: dict[str, Any] = {name: getattr(options, name) for name in CHANGES}
+    read = check_plan(file, min_radius_m=options.min_radius_m, **changes, geometry=options.check)
     plan, lines = read.plan, read.faults
     parameters = parameters_of(plan, options.set_)
     try:
@@ -337,9 +330,7 @@ def _table(plan: Plan, *, verbose: bool) -> str:
         own = "" if stage.radius_m is None else f", within {number_text(stage.radius_m)} m"
         lines.append(f"           until ({stage.trigger[0].text}, {stage.trigger[1].text}){own}")
         if stage.sets:
-            sets = [
-                f"{item.name} in [{number_text(box.lo)}, {number_text(box.hi)}]"
-                for item, box in zip(plan.parameters, stage.sets, strict=False)
-            ]
+            named = zip(plan.parameters, stage.sets, strict=False)
+            sets = (f"{item.name} in [{number_text(box.lo)}, {number_text(box.hi)}]" for item, box in named)
             lines.append(f"           {', '.join(sets)}")
     return "\n".join(lines)

@@ -138,16 +138,11 @@ def _summary(part: Profile) -> str:
     from eadp.models.profile import titles
 
     heads = [*titles(part.names, part.units), "power [W]"]
-    rows = [
-        [
-            *(f"{value:.10g}" for value in at),
-            f"{part.power_w[i]:.6g}",
-            f"{part.std_w[i]:.2g}" if part.samples[i] > 1 else "",
-            f"{part.standard_error_w[i]:.2g}" if math.isfinite(part.standard_error_w[i]) else "",
-            str(part.samples[i]),
-        ]
-        for i, at in enumerate(part.configurations.tolist())
-    ]
+    rows = []
+    for i, at in enumerate(part.configurations.tolist()):
+        count, error_w = part.samples[i], part.standard_error_w[i]
+        std, error = f"{part.std_w[i]:.2g}" if count > 1 else "", f"{error_w:.2g}" if math.isfinite(error_w) else ""
+        rows.append([*(f"{value:.10g}" for value in at), f"{part.power_w[i]:.6g}", std, error, str(count)])
     optional = ["std. dev. [W]", "std. error [W]", "samples"]
     columns = zip([*heads, *optional], *rows, strict=True)
     filled = [column for i, column in enumerate(columns) if i < len(heads) or any(column[1:])]

@@ -66,21 +66,11 @@ def command(
     if options.format == "json":
         emit_json(use_case.performance_document(vehicle, found))
     else:
-        pack = vehicle.battery
-        emit(
-            "\n".join(
-                [
-                    *([vehicle.name] if vehicle.name else []),
-                    *_sheet(vehicle),
-                    *_lines(found, computing),
-                    f"battery        {pack.voltage_v:.4g} V, {pack.capacity_ah:.4g} Ah, "
-                    f"{1000 * pack.resistance_ohm:.3g} mΩ",
-                    "",
-                    *_table(found),
-                    *_speeds(found),
-                ]
-            )
-        )
+        pack, lines = vehicle.battery, [vehicle.name] if vehicle.name else []
+        lines += [*_sheet(vehicle), *_lines(found, computing)]
+        milliohm = 1000 * pack.resistance_ohm
+        lines.append(f"battery        {pack.voltage_v:.4g} V, {pack.capacity_ah:.4g} Ah, {milliohm:.3g} mΩ")
+        emit("\n".join([*lines, "", *_table(found), *_speeds(found)]))
     return 1 if found.faults else 0
 
 
@@ -129,17 +119,15 @@ def _lines(found: Performance, computing_w: float) -> list[str]:
     if computing_w:
         rows.insert(0, f"powers         count {computing_w:g} W of computations")
     if found.stall_mps is not None and found.stall_in_turn_mps is not None:
-        rows.append(
-            f"stalls         at {found.stall_mps:.3g} m/s, {found.stall_in_turn_mps:.3g} m/s at its greatest bank"
-        )
+        in_turn = f"{found.stall_in_turn_mps:.3g} m/s at its greatest bank"
+        rows.append(f"stalls         at {found.stall_mps:.3g} m/s, {in_turn}")
     rows.append(f"flies longest  at {found.endurance_mps:.3g} m/s: {found.endurance_w:.4g} W")
     rows.append(f"flies farthest at {found.range_mps:.3g} m/s: {found.range_w:.4g} W")
     if found.glide_ratio is not None:
         rows.append(f"glides best    at {found.glide_mps:.3g} m/s: {found.glide_ratio:.3g} m for each metre of height")
     if found.max_speed_mps is not None:
-        rows.append(
-            f"motor          level flight up to {found.max_speed_mps:.3g} m/s, climb up to {found.climb_mps:.3g} m/s"
-        )
+        climb = f"climb up to {found.climb_mps:.3g} m/s"
+        rows.append(f"motor          level flight up to {found.max_speed_mps:.3g} m/s, {climb}")
     return [*rows, *(f"cannot fly so: {fault}" for fault in found.faults)]
 
 
@@ -157,14 +145,11 @@ def _speeds(found: Performance) -> list[str]:
     if not any(each.speeds for each in found.winds):
         return []
     head = ["out and back [Wh/km]", *(f"{one.airspeed_mps:g} m/s" for one in found.winds[0].speeds)]
-    rows = [
-        [
-            f"in {each.wind_mps:g} m/s",
-            *(f"{one.wh_per_km:.2f}" if math.isfinite(one.wh_per_km) else "-" for one in each.speeds),
-        ]
-        for each in found.winds
-    ]
-    return ["", *aligned([head, *rows])]
+    rows = [head]
+    for each in found.winds:
+        energies = (f"{one.wh_per_km:.2f}" if math.isfinite(one.wh_per_km) else "-" for one in each.speeds)
+        rows.append([f"in {each.wind_mps:g} m/s", *energies])
+    return ["", *aligned(rows)]
 
 
 def _row(wind_mps: float, name: str, one: SpeedRange) -> list[str]:

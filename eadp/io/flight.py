@@ -12,7 +12,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.io.scenario import Scenario
+from eadp.io.scenario import Scenario, battery_keys
 from eadp.models.airspace import BOUNDARY, risk_text
 from eadp.models.battery import LOSS
 from eadp.models.plan.plan import Plan
@@ -29,9 +29,11 @@ def setting_text(scenario: Scenario) -> str:
     speed = wind.steady_speed_mps
     mass = "" if isinstance(airframe, PaperVehicle) else f" of {airframe.mass_kg:g} kg"
     stated = f", by its data sheet: power ± {100 * airframe.power_std_share:.0f} %" if keys.vehicle.data_sheet else ""
+    stated_ohm = "resistance_ohm" in battery_keys(scenario.document, keys.vehicle.battery) or battery.cells is None
+    assumed = "" if stated_ohm else f" (assumed: {1000 * battery.resistance_ohm:.3g} mΩ)"
     shown = {
         "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s{stated}",
-        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:.4g} Ah",
+        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:.4g} Ah{assumed}",
         "wind": f"wind {speed:g} m/s"
         + (f" from {(compass_deg(math.atan2(north, east)) + 180) % 360:.0f}°" if speed else "")
         + (f" at take-off, up to {wind.speeds_mps[1]:g} m/s" if wind.profile else ""),

@@ -315,9 +315,8 @@ class Scenario:
         point = to_near_local_m(place.lat_deg, place.lon_deg, origin_deg)
         if point is None:
             swapped = abs(place.lon_deg) <= 90 and to_near_local_m(place.lon_deg, place.lat_deg, origin_deg)
-            message = "too far from the plan's origin" + (
-                ", but near it with lon_deg and lat_deg swapped" if swapped else ""
-            )
+            hint = ", but near it with lon_deg and lat_deg swapped" if swapped else ""
+            message = f"too far from the plan's origin{hint}"
             raise InputError(self.fault(f"{key}.lat_deg", message, f"at most {FARTHEST_M / 1000:g} km"))
         return point
 

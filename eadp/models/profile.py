@@ -146,10 +146,8 @@ class Profile:
             for (name, value), (least, most) in zip(values, map(self.range_of, self.names), strict=True)
             if not least <= value <= most
         ]
-        return (
-            "; ".join(parts)
-            or f"{configuration_text(self.names, configuration)} is outside the hull of the measured ones"
-        )
+        named = configuration_text(self.names, configuration)
+        return "; ".join(parts) or f"{named} is outside the hull of the measured ones"
 
     def range_of(self, name: str) -> tuple[float, float]:
         """The smallest and the largest measured value of a parameter [its unit].

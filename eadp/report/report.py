@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import csv
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,7 +19,6 @@ from eadp.cli.output import emit
 from eadp.errors import EadpError, InputError, printable
 from eadp.io.page import PageSource, check_page, page_html, page_of
 from eadp.io.scenario import read_overrides, vehicle_path
-from eadp.io.text.csv import number_fault, read_rows
 from eadp.io.text.json import json_lines
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import output_file, read_text, write_text
@@ -142,25 +141,9 @@ FOLDER = PageSource("flight", os.path.isdir, lambda path, page, keep: flight_dat
 
 def _table(path: Path) -> list[list[Any]]:
     """Head and rows of a table of numbers; an empty field is None."""
-    rows = read_rows(str(path), read_text(str(path)).body)
-    head = next(rows, None)
-    if head is None:
-        raise InputError.at(str(path), 1, 1, "is empty", "a table of a result folder")
-    numbers: list[list[Any]] = []
-    for row in rows:
-        if len(row.fields) != len(head.fields):
-            raise InputError(row.fault(0, f"{len(row.fields)} fields", f"{len(head.fields)}"))
-        try:
-            values = [float(field) if field else None for field in row.fields]
-        except ValueError:
-            values = [math.nan]  # found below, with its column
-        if not all(value is None or math.isfinite(value) for value in values):
-            faults = ((i, number_fault(field)) for i, field in enumerate(row.fields) if field)
-            raise InputError(*(row.fault(i, *fault) for i, fault in faults if fault))
-        numbers.append(values)
-    if not numbers:
-        raise InputError.at(str(path), 2, 1, "no rows", "a row for each logged moment")
-    return [head.fields, *numbers]
+    with _whole(str(path)):
+        head, first, *rows = csv.reader(read_text(str(path)).body.splitlines())
+        return [head, *([float(field) if field else None for field in row] for row in (first, *rows))]
 
 
 # --- inputs

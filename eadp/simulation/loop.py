@@ -54,7 +54,6 @@ TRACK_S = 0.1
 class Outcome:
     """End of a flight, and its totals."""
 
-    completed: bool = False
     reason: str = ""
     duration_s: float = 0.0
     soc_final: float = 0.0
@@ -74,6 +73,11 @@ class Outcome:
     records: list[DecisionRecord] = field(default_factory=list)
     estimates: list[Any] = field(default_factory=list)
     """The flight's estimate of the power at each step of the log."""
+
+    @property
+    def completed(self) -> bool:
+        """Whether the final point was reached, by a plan that was never given up, and out of obstacles."""
+        return self.reason == COMPLETED
 
 
 def fly(world: World, flight: PlannedFlight, outcome: Outcome) -> Iterator[Step]:
@@ -194,8 +198,7 @@ class _Flight:
                 self._return()
                 changed = True
             elif executor.complete:
-                self._outcome.completed = self._outcome.turned_back_s is None
-                return COMPLETED if self._outcome.completed else RETURNED
+                return COMPLETED if self._outcome.turned_back_s is None else RETURNED
             if changed and not self._returning:
                 self._outcome.stage_times_s.append(self._k * self._world.clock.step_s)
             if not self._returning:
@@ -273,7 +276,7 @@ class _Flight:
         outcome.power_min_w, outcome.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
         # where, and how fast, the rest of the plan would have been flown
         short_of = (variable(X), variable(Y)), self._world.vehicle.airspeed_mps
-        self._log.close(time_s, None if outcome.completed else short_of)
+        self._log.close(time_s, None if reason == COMPLETED else short_of)
         outcome.reason, outcome.duration_s, outcome.soc_final = reason, time_s, variable(SOC)
         outcome.entries = self._world.plan.site.airspace.entries(
             [step.time_s for step in self._track],
@@ -281,7 +284,7 @@ class _Flight:
             [step.altitude_m for step in self._track],
         )
         if outcome.entries and outcome.completed:
-            outcome.completed, outcome.reason = False, outcome.entries[0].reason
+            outcome.reason = outcome.entries[0].reason
         # the limit that bound in most decisions
         bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
         outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import clear_home_m, load_flight
-from eadp.api.vehicle import profile_of_scenario, read_profile
+from eadp.api.vehicle import read_profile
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import compass_deg
@@ -551,8 +551,7 @@ def coverage_task(
     """
     setting = read_scenario(None if scenario is None else str(scenario))
     if profile is None:
-        profile, found = profile_of_scenario(setting)
-        warn(found)
+        profile = setting.profile_path
     if isinstance(profile, str | PathLike):
         profile = read_profile(profile, warn=warn)
     if options.turns_off and profile is None:

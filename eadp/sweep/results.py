@@ -110,11 +110,11 @@ BUSY_S = 60.0
 PAGE_BYTES = 4096
 """Size of a file without tables."""
 
-_TABLES = f"""
+_TABLE = f"""
 CREATE TABLE runs (
     key TEXT PRIMARY KEY, code TEXT NOT NULL, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
     {", ".join(COLUMNS)}, error TEXT, summary TEXT, took_s REAL NOT NULL
-);
+)
 """
 _ROW = ("key", "code", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
 """Columns of a row."""
@@ -164,8 +164,7 @@ class Results:
                     what = f"has runs of other code, {printable(other[0], 500)}; this is {code_identity()}"
                     raise InputError.at(self._path, 1, 1, what, "a new file")
                 return
-            for statement in _TABLES.split(";")[:-1]:
-                query(statement)
+            query(_TABLE)
             query(f"PRAGMA application_id = {APPLICATION_ID}")
             query(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
@@ -280,10 +279,6 @@ def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection
         raise _fault(name, error) from None
 
 
-def _damaged(path: str) -> InputError:
-    return InputError.at(path, 1, 1, "is damaged", "a copy of the file, or a new one")
-
-
 def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
     """Whether a database has our tables; that of another application or version, or a damaged one, is refused."""
     keys = ("application_id", "user_version", "integrity_check(1)")
@@ -293,7 +288,7 @@ def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
         other = "version of eadp" if application == APPLICATION_ID else "application"
         raise InputError.at(name, 1, 1, f"is a database of another {other}", "results of eadp sweep, or a new file")
     if damage != "ok":
-        raise _damaged(name)
+        raise InputError.at(name, 1, 1, "is damaged", "a copy of the file, or a new one")
     return bool(tables)
 
 

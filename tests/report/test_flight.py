@@ -137,9 +137,9 @@ def test_the_command_makes_the_same_page(eadp, folder, tmp_path):
     [
         ("summary.json", "{", "summary.json:1:2: error: is not JSON"),
         ("summary.json", "{}", "summary.json:1:1: error: is damaged"),
-        ("flight.csv", "", "flight.csv:1:1: error: is empty"),
-        ("flight.csv", "time_s,stage\n", "flight.csv:2:1: error: no rows"),
-        ("flight.csv", "time_s,stage\n1,x\n", "flight.csv:2:3: error: x is not a number"),
+        ("flight.csv", "", "flight.csv:1:1: error: is damaged"),
+        ("flight.csv", "time_s,stage\n", "flight.csv:1:1: error: is damaged"),
+        ("flight.csv", "time_s,stage\n1,x\n", "flight.csv:1:1: error: is damaged: ValueError: could not convert"),
         ("flight.csv", "time_s,stage\n1,1\n", "is damaged"),
         ("decisions.jsonl", '{"time_s": 1}\nx\n', "decisions.jsonl:2:1: error: is not JSON"),
         ("inputs/plan/survey.plan", "0.1; 90; x +\n1, 2\n", "inputs/plan/survey.plan:1:13: error"),

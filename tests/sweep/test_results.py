@@ -54,7 +54,7 @@ def test_a_damaged_result_is_refused(path):
 
 
 def test_a_file_that_could_not_be_started_is_removed(path, monkeypatch):
-    monkeypatch.setattr(results_file, "_TABLES", "CREATE TABLE;")
+    monkeypatch.setattr(results_file, "_TABLE", "CREATE TABLE")
     with pytest.raises(InputError, match="cannot be used"):
         Results(path)
     assert not os.listdir(os.path.dirname(path))

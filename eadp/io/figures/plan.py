@@ -151,9 +151,8 @@ def write_flight_figure(
         if lost:
             _draw_answer(map_axes, world, steps, lost)
         if summary["turned_back_m"] is not None:
-            map_axes.plot(
-                *summary["turned_back_m"], "X", color=COLOURS[6], markersize=9, label="turned back home", zorder=6
-            )
+            style: dict[str, Any] = {"color": COLOURS[6], "markersize": 9, "label": "turned back home", "zorder": 6}
+            map_axes.plot(*summary["turned_back_m"], "X", **style)
         _draw_power(power, time, steps)
         _draw_charge(charge, time, steps, world, float(summary["soc_reserve"]))
         if climbs:
@@ -202,14 +201,9 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: f
     label_map(axes, "Path flown")
     speed = world.wind.speeds_mps[1]
     if speed:
-        wx, wy = world.wind.steady_mps
-        axes.annotate(
-            "",
-            xy=(0.93 + 0.05 * wx / speed, 0.05 + 0.05 * wy / speed),
-            xytext=(0.93, 0.05),
-            xycoords="axes fraction",
-            arrowprops={"arrowstyle": "->", "color": GREY, "linewidth": 1.5},
-        )
+        east, north = (0.05 * part / speed for part in world.wind.steady_mps)
+        arrow = {"arrowstyle": "->", "color": GREY, "linewidth": 1.5}
+        axes.annotate("", (0.93 + east, 0.05 + north), (0.93, 0.05), xycoords="axes fraction", arrowprops=arrow)
         style: dict[str, Any] = {"color": GREY, "ha": "right", "va": "center"}
         axes.text(0.90, 0.05, f"wind {span_text(world.wind.speeds_mps)} m/s", transform=axes.transAxes, **style)
 
@@ -236,11 +230,10 @@ def _draw_swath(axes: Axes, plan: Plan, steps: Sequence[Step], turned_back_s: fl
     from eadp.core.geometry.polygons import strips
 
     columns = {name: [getattr(step, name) for step in steps] for name in ("time_s", "stage", "x_m", "y_m")}
+    lines = flown_lines(plan, flown_of_plan(columns, turned_back_s))
     label = f"ground covered, {plan.site.swath_m:g} m wide"
-    for outline, *holes in strips(
-        plan.site.field.parts, flown_lines(plan, flown_of_plan(columns, turned_back_s)), plan.site.swath_m
-    ):
-        draw_area(axes, (outline, *holes), facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
+    for rings in strips(plan.site.field.parts, lines, plan.site.swath_m):
+        draw_area(axes, rings, facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
 
 
 def _draw_power(axes: Axes, time: Any, steps: Sequence[Step]) -> None:

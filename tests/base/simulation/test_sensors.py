@@ -51,15 +51,13 @@ def test_what_is_told_of_a_step_does_not_depend_on_others_asked_of():
     suite = SensorSuite(sensors, STEP_S, np.random.default_rng(0))
     for k in (1, 7, 8, 1900, 2000, 2001, 2001, 4999):
         assert measured(suite, k) == every[k - 1]
-        assert suite.power_w(k, 30.0 + k) == every[k - 1][1]
-        assert suite.soc(k, 0.5) == every[k - 1][2]
 
 
 @pytest.mark.parametrize(("share", "length_s"), [(0.1, 2.0), (0.5, 1.0), (0.9, 5.0)])
 def test_drop_outs_are_as_often_and_as_long_as_is_said(share, length_s):
     n = 400_000
     suite = SensorSuite(Sensors(drop_out_share=share, drop_out_s=length_s), STEP_S, np.random.default_rng(3))
-    missing = np.array([suite.power_w(k, 30.0) is None for k in range(1, n + 1)])
+    missing = np.array([measured(suite, k)[1] is None for k in range(1, n + 1)])
     runs = [sum(1 for _ in run) * STEP_S for out, run in itertools.groupby(missing.tolist()) if out]
     assert missing.mean() == pytest.approx(share, rel=0.25)
     assert np.mean(runs) == pytest.approx(length_s, rel=0.3)

@@ -170,7 +170,7 @@ def test_the_forecast_is_of_the_speed_that_is_flown():
     expected, ended = survey_inputs(**CALM, **slow).preflight(), outcome(**slow)
     forecast = expected.forecast  # it does not know in which of two laps the plan ends
     assert abs(ended.duration_s - forecast.remaining_s) < 2 * forecast.remaining_std_s < 0.08 * ended.duration_s
-    assert abs(ended.totals.energy_j / 3600 - forecast.energy_wh) < 2 * forecast.energy_std_wh
+    assert abs(ended.energy_j / 3600 - forecast.energy_wh) < 2 * forecast.energy_std_wh
     fixed = survey_inputs(**CALM, **{"battery.capacity_ah": 2.0}).preflight().forecast
     assert ended.duration_s > 1.1 * fixed.remaining_s
 
