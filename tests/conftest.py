@@ -183,12 +183,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     Tests in a browser are marked, and skipped where there is none, unless `EADP_BROWSER=required`.
     """
-    first = [
-        "test_public.py",
-        "test_spectrum.py",
-        "test_sweep_command.py",
-        *sorted(path.name for path in (ROOT / "tests").glob("test_*.py")),
-    ]
+    pages = sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))
+    first = ["test_public.py", "test_spectrum.py", "test_sweep_command.py", *pages]
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:

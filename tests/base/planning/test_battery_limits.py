@@ -20,12 +20,9 @@ def survey(root):
 
 
 SURVEY = {
-    "battery.capacity_ah": 1.0,
-    "wind.speed_mps": 0,
-    "planner.joint.start_after_s": 0,
-    "planner.paper.min_periods": 0,
-    "time_limit_s": 120,
-}
+    "battery.capacity_ah": 1.0, "wind.speed_mps": 0, "planner.joint.start_after_s": 0,
+    "planner.paper.min_periods": 0, "time_limit_s": 120,
+}  # fmt: skip
 BINDING = [
     ({"max_c_rate": 3.4}, "current", "the battery's current limit binds"),
     ({"cutoff_voltage_v": 14.5, "resistance_ohm": 0.0875}, "cut-off voltage", "the battery's cut-off voltage binds"),

@@ -51,11 +51,8 @@ class SweepFlight(NamedTuple):
 
 
 def flown(plan=str(ROOT / "plans/survey.plan"), **overrides):
-    inputs = load_flight(
-        plan,
-        scenario=str(ROOT / "scenarios/survey.yaml"),
-        overrides={"step_s": STEP_S, "log_every_s": 1.0, **overrides},
-    )
+    keys = {"step_s": STEP_S, "log_every_s": 1.0, **overrides}
+    inputs = load_flight(plan, scenario=str(ROOT / "scenarios/survey.yaml"), overrides=keys)
     flight, outcome = watched(inputs), Outcome()
     steps = list(fly(inputs.world, flight, outcome))
     return SweepFlight(inputs, outcome, flight.planner, steps)
