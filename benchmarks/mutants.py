@@ -49,6 +49,9 @@ LIBRARIES = (
 
 # Mutants that survived, and why, so that a new run need not look into them again.
 # - planning/state/charge.py: after a jump no outlier → one: no reading is an outlier until four more have come
+# - models/plan/structure.py: > 1e-6 * (1 + …) → >=: differs where a rounded difference is the tolerance to the last
+#   digit
+# - models/plan/structure.py: samples at 1 + 0.1 i → 1 + 1.1 i: any distinct samples do
 # - models/plan/executor.py: turned < -π → <=: a half turn within one step, which has no direction
 # - models/plan/executor.py: abs(dy) < 1e-9 → <=: a shift of exactly 1e-9 m
 # - core/geometry/dubins.py: ceil(36 / fall) → 37: one harmonic more than is needed for rounding

@@ -306,10 +306,10 @@ def _table(plan: Plan, *, verbose: bool) -> str:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
         names, proven = ", ".join(["x", "y", *plan.path_names]), structure_proven(plan)
         if verbose:
-            known = "for every" if proven else "as tried for"
+            known = "for every" if proven else "at sampled"
             lines.append(f"structure  n = {plan.primitive_stages}, e_j = 0 {known} {names}")
         else:
-            lines.append(f"laps       are alike but for the shift: {'proven' if proven else 'tried'}")
+            lines.append(f"laps       are alike but for the shift: {'proven' if proven else 'sampled'}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
     if (camera := plan.site.camera) is not None:
         lines.append(f"camera     {camera.text}")

@@ -5,16 +5,33 @@ Source: letter, Def. II.5 and Eq. 2; draft 004, Eq. 1. The rank test of draft 00
 
 from __future__ import annotations
 
-from fractions import Fraction
+from collections.abc import Sequence
 
-from eadp.core.expressions.algebra import cancels, expanded, simplified
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.expressions.algebra import cancels, is_zero, simplified
 from eadp.core.expressions.tree import Expression, Symbol, constant, difference, substituted, total
-from eadp.errors import ExpressionError
+from eadp.errors import ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import PointExpression, Stage
+from eadp.models.plan.stage import PointExpression
 
-TOLERANCE = Fraction(1, 10**9)
-"""Share of the largest number of an expression that is rounding: of stages that a script has written, too."""
+SAMPLES = (0.0, 0.137, 0.574, 0.911)
+"""Sampled values of the parameters, as shares of their sets; without sets, the parameters themselves."""
+
+OFFSETS_M = (
+    (0.0, 0.0),
+    (31.7, 8.9),
+    (-23.3, 41.1),
+    (5.3, -37.9),
+    (-47.7, -13.1),
+    (67.1, 61.3),
+    (11.9, 83.3),
+    (-71.3, 29.9),
+)
+"""Points round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
+
+TOLERANCE = 1e-9
 
 _PathTrigger = tuple[Expression, PointExpression]
 
@@ -25,38 +42,29 @@ def find_structure(plan: Plan) -> tuple[int, PointExpression] | None:
     Two whole laps are needed. φ_{i+n}(p + d) = φ_i(p) is required without the letter's constant e_j: with it, the
     stages of a lap would not be those of the last one moved. The travel's direction must agree, and triggers move by d.
 
-    Compared multiplied out, within rounding; what is too large for that has none.
+    Compared at sample parameters and points; the answer's d(c) is symbolic.
     """
-    for n in range(1, len(plan.stages) // 2 + 1):
-        pairs = list(zip(plan.stages, plan.stages[n:], strict=False))
-        (x, y), (later_x, later_y) = pairs[0][0].trigger, pairs[0][1].trigger
-        shift = difference(later_x, x), difference(later_y, y)
-        shown = tidy(shift[0]), tidy(shift[1])
-        moves = any(part.names or part.at() != 0 for part in shown)
-        # triggers first: they are short, and most stages that differ do so there
-        if moves and all(agree(*pair, shift) for agree in (_triggers_agree, _paths_agree) for pair in pairs):
-            return n, shown
+    stages = plan.stages
+    if len(stages) < 2:
+        return None
+    signature = _signature(plan)
+    if signature is None:
+        return None
+    values, triggers = signature
+    scale = 1 + np.abs(values).max(axis=1)
+    for n in range(1, len(stages) // 2 + 1):
+        if not _repeats(values, triggers, scale, n, n + 1):  # the first pair decides most cases
+            continue
+        if _repeats(values, triggers, scale, n, len(stages)):
+            first, later = stages[0].trigger, stages[n].trigger
+            return n, (tidy(difference(later[0], first[0])), tidy(difference(later[1], first[1])))
     return None
-
-
-def _triggers_agree(stage: Stage, later: Stage, shift: PointExpression) -> bool:
-    """Whether a later stage has the sense of another, and its trigger, moved."""
-    parts = zip(stage.trigger, shift, later.trigger, strict=True)
-    return stage.sense == later.sense and all(equal(total(one, d), other, unknown=False) for one, d, other in parts)
-
-
-def _paths_agree(stage: Stage, later: Stage, shift: PointExpression) -> bool:
-    """Whether a later stage has the path of another, moved."""
-    try:
-        return equal(stage.path, _moved(later.path, shift), unknown=False)
-    except ExpressionError:  # too large when substituted
-        return False
 
 
 def structure_proven(plan: Plan) -> bool:
     """Whether every stage is shown symbolically to be the one n before it, moved by d(c): e_j = 0 for all x, y and c.
 
-    False where the structure is known within rounding alone, in plans of segments, and of what is too large.
+    False where the structure is known by value alone: in plans of segments, and of what is too large.
 
     Source: letter, Eq. 2.
     """
@@ -115,17 +123,55 @@ def shifts_agree(stated: PointExpression, found: PointExpression) -> bool:
     return any(all(map(equal, stated, parts)) for parts in (found, opposite))
 
 
-def equal(a: Expression, b: Expression, *, unknown: bool = True) -> bool:
-    """Whether two expressions are the same multiplied out, within rounding; `unknown` where they are too large."""
-    try:
-        one, other = expanded(a.node), expanded(b.node)
-    except ArithmeticError:
-        return unknown
-    none = Fraction(0)
-    within = TOLERANCE * (1 + max(map(abs, one.values()), default=none))
-    return all(abs(one.get(each, none) - other.get(each, none)) <= within for each in one.keys() | other.keys())
+def _repeats(values: FloatArray, triggers: FloatArray, scale: FloatArray, n: int, end: int) -> bool:
+    """Whether stages n..end are those n before them, moved alike."""
+    gap = np.abs(values[n:end] - values[: end - n]).max(axis=1)
+    if (gap > TOLERANCE * scale[n:end]).any():
+        return False
+    moves = triggers[n:end] - triggers[: end - n]
+    reach = 1 + np.abs(triggers[:end]).max()
+    same = np.abs(moves - moves[0]).max() <= TOLERANCE * reach
+    return bool(same and np.abs(moves[0]).max() > TOLERANCE * reach)
+
+
+def _signature(plan: Plan) -> tuple[FloatArray, FloatArray] | None:
+    """Each stage's path round its trigger with its sense, shape (L, ·), and its triggers, shape (L, ·)."""
+    values, triggers = [], []
+    samples = _samples(plan)
+    for stage in plan.stages:
+        row: list[float] = [100.0 * stage.sense]
+        points: list[float] = []
+        for parameters in samples:
+            try:
+                path = stage.path_at(parameters)
+                x, y = stage.trigger_at(parameters)
+                row += [path(x + dx, y + dy)[0] for dx, dy in OFFSETS_M]
+            except (PathUndefined, ArithmeticError, ValueError):
+                return None
+            points += [x, y]
+        if not np.isfinite(row).all():
+            return None
+        values.append(row)
+        triggers.append(points)
+    return np.array(values), np.array(triggers)
+
+
+def _samples(plan: Plan) -> list[Sequence[float]]:
+    rho = plan.path_count
+    if not rho:
+        return [()]
+    if not plan.has_sets:
+        return [[share * (1 + 0.1 * i) for i in range(rho)] for share in SAMPLES]
+    boxes = [plan.hull(i) for i in range(rho)]
+    return [[box.lo + (share + 0.01 * i) * (box.hi - box.lo) for i, box in enumerate(boxes)] for share in SAMPLES]
+
+
+def equal(a: Expression, b: Expression) -> bool:
+    """Whether two expressions have the same value for all values of their symbols."""
+    gap = difference(a, b)
+    return is_zero(gap.node) if gap.names else abs(gap.at()) < TOLERANCE
 
 
 def tidy(expression: Expression) -> Expression:
-    """A number where it is one, else multiplied out where that is shorter."""
+    """A number where it is one, else as simple as sympy makes it."""
     return simplified(expression) if expression.names else constant(round(expression.at(), 12))

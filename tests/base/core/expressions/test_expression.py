@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from eadp.core.expressions.algebra import from_sympy, simplified
+from eadp.core.expressions.algebra import from_sympy, is_zero, simplified
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import (
     CONSTANT_LIMIT,
@@ -439,6 +439,37 @@ def test_constants_that_arise_by_substitution_are_checked(text):
 
 
 # --- sympy ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x - x",
+        "sin(c1)^2 + cos(c1)^2 - 1",
+        "sqrt(c1^2) - abs(c1)",
+        "exp(log(2) + c1) - 2*exp(c1)",
+        "0.1*x + 0.2*x - 0.3*x",  # exact, where floats leave 5e-17
+        "log(0*x + 1)",
+    ],
+)
+def test_zero_in_disguise(text):
+    assert is_zero(read_expression(text).node)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1", "1e-300", "x", "1e-7*c1", "1e-12", "c1 - c2", "x - 0.999999999999*x", "sqrt(c1)", "log(c1)", "1/c1", "0^c1"],
+)
+def test_not_zero_however_small(text):
+    assert not is_zero(read_expression(text).node)
+
+
+@given(*[st.integers(-9, 9)] * 6, st.sampled_from([0, 1, -1, 1e-7]))
+def test_a_product_less_its_expansion_is_zero(a, b, c, d, e, f, rest):
+    factored = f"({a}*x + {b}*c1 + {c})*({d}*x + {e}*c1 + {f})"
+    expanded = f"{a * d}*x^2 + {a * e + b * d}*x*c1 + {b * e}*c1^2 + {a * f + c * d}*x + {b * f + c * e}*c1 + {c * f}"
+    tree = read_expression(f"{factored} - ({expanded}) + {rest}").node
+    assert is_zero(tree) == (rest == 0)
 
 
 @given(texts)

@@ -133,7 +133,7 @@ def test_structure_is_proven_where_it_is_small(laps, root, reference):
     assert structure_proven(read_plan(read_text(str(root / "plans/survey.plan")))[0])
 
 
-def test_structure_is_not_proven_where_stages_differ_by_rounding():
+def test_structure_is_not_proven_where_the_stages_differ_by_less_than_the_sampling_sees():
     text = survey(2, spacing="10", rise="1", sets="")
     assert structure_proven(plan(text)[0])
     first, second = text.rsplit("(x - 1*(10) - sqrt", 1)
