@@ -1,4 +1,4 @@
-"""MAVLink's commands of missions, and which of them do not move an aircraft."""
+"""MAVLink's commands of missions: their names, and which of them do not move an aircraft."""
 
 from __future__ import annotations
 
@@ -10,12 +10,37 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.text.streams import Location
 from eadp.models.plan import stage
 
+_TABLE = """
+    16 NAV_WAYPOINT, 17 NAV_LOITER_UNLIM, 18 NAV_LOITER_TURNS, 19 NAV_LOITER_TIME, 20 NAV_RETURN_TO_LAUNCH, 21
+    NAV_LAND, 22 NAV_TAKEOFF, 23 NAV_LAND_LOCAL, 24 NAV_TAKEOFF_LOCAL, 25 NAV_FOLLOW, 30
+    NAV_CONTINUE_AND_CHANGE_ALT, 31 NAV_LOITER_TO_ALT, 32 DO_FOLLOW, 33 DO_FOLLOW_REPOSITION, 34 DO_ORBIT, 35
+    DO_FIGURE_EIGHT, 36 NAV_ARC_WAYPOINT, 81 NAV_PATHPLANNING, 82 NAV_SPLINE_WAYPOINT, 83 NAV_ALTITUDE_WAIT, 84
+    NAV_VTOL_TAKEOFF, 85 NAV_VTOL_LAND, 92 NAV_GUIDED_ENABLE, 93 NAV_DELAY, 94 NAV_PAYLOAD_PLACE, 113
+    CONDITION_CHANGE_ALT, 176 DO_SET_MODE, 177 DO_JUMP, 178 DO_CHANGE_SPEED, 185 DO_FLIGHTTERMINATION, 186
+    DO_CHANGE_ALTITUDE, 189 DO_LAND_START, 190 DO_RALLY_LAND, 191 DO_GO_AROUND, 192 DO_REPOSITION, 193
+    DO_PAUSE_CONTINUE, 194 DO_SET_REVERSE, 213 NAV_SET_YAW_SPEED, 224 DO_SET_MISSION_CURRENT, 252 OVERRIDE_GOTO,
+    262 DO_SET_STANDARD_MODE, 601 DO_JUMP_TAG, 2800 PANORAMA_CREATE, 4000 SET_GUIDED_SUBMODE_STANDARD, 4001
+    SET_GUIDED_SUBMODE_CIRCLE, 5000 NAV_FENCE_RETURN_POINT, 5001 NAV_FENCE_POLYGON_VERTEX_INCLUSION, 5002
+    NAV_FENCE_POLYGON_VERTEX_EXCLUSION, 5003 NAV_FENCE_CIRCLE_INCLUSION, 5004 NAV_FENCE_CIRCLE_EXCLUSION, 5100
+    NAV_RALLY_POINT, 30001 PAYLOAD_PREPARE_DEPLOY, 31000 WAYPOINT_USER_1, 31001 WAYPOINT_USER_2, 31002
+    WAYPOINT_USER_3, 31003 WAYPOINT_USER_4, 31004 WAYPOINT_USER_5, 42702 NAV_SCRIPT_TIME, 42703 NAV_ATTITUDE_TIME,
+    43000 GUIDED_CHANGE_SPEED, 43001 GUIDED_CHANGE_ALTITUDE, 43002 GUIDED_CHANGE_HEADING
+"""
+
+NAMES = {int(number): name for number, name in (each.split() for each in _TABLE.split(","))}
+"""Names of commands that say where or how to fly, without MAV_CMD_."""
+
 MOTIONLESS = frozenset((
     80, 112, 114, 115, *range(179, 185), 187, 188, *range(195, 199), *range(200, 213), *range(214, 219),
     *range(220, 224), 241, 245, 246, 260, 300, 400, *range(530, 535), 600, 1000, 1001, 2000, 2001, *range(2003, 2006),
     2010, *range(2500, 2504), 2510, 2511, 3000, 4501, 30002, *range(31005, 31015), 42600, 43003, 43005,
 ))  # fmt: skip
 """Commands that do not move the aircraft: waits, cameras, mounts, servos, engines, settings. They are kept."""
+
+
+def command_text(command: int) -> str:
+    """A command in messages: its number and, where it is known, its name."""
+    return f"{command} ({NAMES[command]})" if command in NAMES else f"{command}"
 
 
 ITEMS_LIMIT = 10_000

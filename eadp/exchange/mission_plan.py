@@ -18,7 +18,7 @@ from eadp.core.geometry.geodesy import FARTHEST_M, apart_m, to_local_m, to_near_
 from eadp.core.guidance import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.exchange import items as d
-from eadp.exchange.items import MOTIONLESS, DraftItem, MissionDraft
+from eadp.exchange.items import MOTIONLESS, DraftItem, MissionDraft, command_text
 from eadp.exchange.waypoints import Loiter, Target, Waypoint, WaypointPath, path_through
 from eadp.io.plan.reader import LIMIT_STAGES
 from eadp.io.plan.sources import PlanReader
@@ -137,7 +137,7 @@ class MissionPlan:
         if command not in _MOVING | _CONTROLS:
             hover = ": it hovers" if command == 93 else ""
             expected = "a command for fixed wings that eadp knows (docs/missions.md lists them)"
-            self._fault(at[0], item, f"the command {command} cannot be flown{hover}", expected)
+            self._fault(at[0], item, f"the command {command_text(command)} cannot be flown{hover}", expected)
         elif command in _POSITIONED:
             self._check_position(index, item)
         for k, value in enumerate(item.parameters):
@@ -240,7 +240,7 @@ class MissionPlan:
             i += 1
         after = [later for later in items[i + 1 :] if later.command in _MOVING]
         if after:
-            ending = f"{items[i].label}, command {items[i].command}, ends the mission"
+            ending = f"{items[i].label}, {command_text(items[i].command)}, ends the mission"
             message = f"{after[0].label} and what follows it is not flown: {ending}"
             self._find(after[0].locations[0], "not-flown", message)
         return order

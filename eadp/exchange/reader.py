@@ -34,6 +34,7 @@ from eadp.exchange.items import (
     Fence,
     MissionDraft,
     MissionItem,
+    command_text,
 )
 from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
@@ -372,7 +373,7 @@ def read_wpl(source: SourceText) -> MissionDraft:
     if home is not None:
         draft.home, draft.home_location = home.parameters[4:], home.locations[6]
     elif rows[0] is items[0] and first_is_home:
-        message = f"row 0 is command {rows[0].command} and no home: it is flown as the first item"
+        message = f"row 0 is {command_text(rows[0].command)} and no home: it is flown as the first item"
         doubts.append((rows[0].locations[0], "no-home", message))
     return draft
 
