@@ -40,7 +40,7 @@ from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import Leg, leg_points
+from eadp.models.plan.stage import TRIGGER_DISTANCE, Leg, leg_points
 from eadp.models.plan.trace import nominal_route, zone_findings
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
@@ -341,6 +341,18 @@ def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> Plann
     return planned
 
 
+def _with_pictures(plan: Plan, planned: PlannedLegs) -> PlannedLegs:
+    """The legs that are left of a flight; the first one begins the pictures that an earlier stage has begun."""
+    first = planned.legs[0]
+    before = plan.stages[: first.stage.index - 1]
+    before = (*plan.stages, *before) if first.lap else before
+    taken = [each for stage in before for each in stage.commands if each[0] == TRIGGER_DISTANCE]
+    if planned.started == 1 or not taken or not taken[-1][1]:
+        return planned
+    stage = replace(first.stage, commands=(taken[-1], *first.stage.commands))
+    return planned._replace(legs=(first._replace(stage=stage), *planned.legs[1:]))
+
+
 def _rest(planned: PlannedLegs, raw: str) -> PlannedLegs:
     """The legs from a stage of a lap on."""
     try:
@@ -417,6 +429,7 @@ def export(
     chosen = _stated(plan, options, warn) if stated else _forecast(plan, autopilot, options, warn, decides=decides)
     if options.start is not None:
         chosen = chosen._replace(planned=_rest(chosen.planned, options.start))
+    chosen = chosen._replace(planned=_with_pictures(chosen.plan, chosen.planned))
     path = _path(chosen, to, options, warn)
     beside = _items_beside(path, chosen, to, autopilot, warn) if to in WITH_ITEMS else {}
     text, written = writer(path), out is not None and str(out) != "-"

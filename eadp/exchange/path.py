@@ -94,7 +94,8 @@ class Section:
 class PlannedPath:
     """What is exported: the sections of a plan at parameters, and what holds on them.
 
-    `altitude_m` holds where a stage has none, and `stated_mps` as its airspeed, None without one; `home_deg` is where
+    `altitude_m` holds where a stage has none, and `stated_mps` as its airspeed, None without one; `flown_mps` is the
+    airspeed that is commanded where the path begins in flight, None for the aircraft's own; `home_deg` is where
     the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°]. `zero_m` is the
     altitude 0 above the sea [m], where it is known: of a plan over terrain.
     Airspeeds are true; `calibrated` is what an autopilot holds over them. `height_m` is home's above the sea, or 0.
@@ -110,6 +111,7 @@ class PlannedPath:
     tolerance_m: float = TOLERANCE_M
     airspace: Airspace = EVERYWHERE
     stated_mps: float | None = None
+    flown_mps: float | None = None
     climb_deg: float = 0.0
     zero_m: float | None = None
     calibrated: float = 1.0

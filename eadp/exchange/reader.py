@@ -171,10 +171,11 @@ def _root(source: SourceText) -> _Value:
 def _fences_of(root: _Value) -> list[Fence]:
     fences = root.member("geoFence")
     found: list[Fence] = []
-    if isinstance(fences.value, JsonObject) and fences.member("version").value == FENCE_VERSION:
-        for key, read in (("polygons", _polygon), ("circles", _circle)):
-            members = fences.member(key)
-            found += [read(each.is_(JsonObject)) for each in (members.elements() if members.value else [])]
+    for key, read in (("polygons", _polygon), ("circles", _circle)) if isinstance(fences.value, JsonObject) else ():
+        members = fences.member(key)
+        if members.value and fences.member("version").value != FENCE_VERSION:
+            raise fences.member("version").error("fences of another version", f"version {FENCE_VERSION}")
+        found += [read(each.is_(JsonObject)) for each in (members.elements() if members.value else [])]
     return found
 
 

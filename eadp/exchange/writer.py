@@ -179,7 +179,7 @@ class _ItemBuilder:
     def __init__(self, path: PlannedPath, *, flying: bool, px4: bool) -> None:
         self.path, self.items, self._px4 = path, list[MissionItem](), px4
         self._skipped: int | None = None  # the first leg of a line without an item of its own
-        self._airspeed_mps: float | None = None
+        self._airspeed_mps = path.flown_mps
         sections = path.sections
         self._sections = sections
         self._flown = self._as_flown()

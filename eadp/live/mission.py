@@ -251,9 +251,22 @@ class RestLayout:
             home_deg=site.origin_deg if held[-1].command == d.RETURN else None,
             trigger_distance_m=self._trigger_distance_m(held),
             airspace=site.airspace,
+            stated_mps=next((mps for mps in self._commanded_mps(held) if mps == self._airspeed_mps), None),
+            flown_mps=(self._commanded_mps(held[:kept]) or [None])[-1],
             calibrated=self._calibrated,
         )
         return kept, mapped_items(mission_items(path, flying=True, px4=px4), left, self._plan.path_count)
+
+    def _commanded_mps(self, items: Sequence[MissionItem]) -> list[float | None]:
+        """True airspeeds that items command [m/s], None for the aircraft's own; its cruise to the last digit."""
+        changes = [item.parameters for item in items if item.command == d.CHANGE_SPEED]
+        speeds = [
+            speed for of_ground, speed, *_ in changes if not of_ground and (speed > 0 or speed == d.DEFAULT_SPEED)
+        ]
+        cruise_mps, scale = self._airspeed_mps, self._calibrated
+        near = [abs(speed - cruise_mps * scale) < 1e-3 for speed in speeds]
+        true_mps = [speed / scale if speed > 0 else None for speed in speeds]
+        return [cruise_mps if is_cruise else mps for is_cruise, mps in zip(near, true_mps, strict=True)]
 
     def _trigger_distance_m(self, held: Sequence[MissionItem]) -> float | None:
         """Distance between pictures, for a mission that takes them all the way [m]; None without, or where stages have

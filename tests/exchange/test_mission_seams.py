@@ -157,6 +157,9 @@ def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
     assert flown["energy_forecast"]["energy_wh"] == pytest.approx(expected["energy_wh"], rel=0.01)
 
 
+LINES = "0.1; 90; x\n0, 300\n0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500\n100, 300\n0.1; 270; x - 100\n100, 0\n"
+
+
 def test_the_rest_of_a_mission(eadp, blocks):
     plan, scenario = blocks
     place = ("--to", "geojson", "--origin", "55.37,10.43")
@@ -167,6 +170,13 @@ def test_the_rest_of_a_mission(eadp, blocks):
     count = len(rest["coordinates"])
     assert 0 < count < len(whole["coordinates"])
     assert rest["coordinates"] == whole["coordinates"][-count:]
+
+
+def test_the_rest_goes_on_with_the_pictures_that_were_begun(eadp, tmp_path):
+    plan = tmp_path / "lines.plan"
+    plan.write_text(f"%: origin 55 10\n%: command 206 25 0 1 0 0 0 0\n{LINES}")
+    whole, rest = (eadp("export", plan, "--to", "ardupilot", *more).out for more in ((), ("--from", "3,0")))
+    assert whole.count("\t206\t25\t") == rest.count("\t206\t25\t") == 1
 
 
 @pytest.mark.parametrize(

@@ -299,7 +299,7 @@ def changed(line, column, text):
         (4, 9, "inf", "not finite"),
         (4, 9, "nan", "no coordinates"),
         (4, 11, "1e7", "an altitude"),
-        (4, 4, "92", "the command 92 cannot be flown"),
+        (4, 4, "92", "the command 92 (NAV_GUIDED_ENABLE) cannot be flown"),
         (4, 4, "17", "a loiter without end before other items"),
         (4, 4, "16.5", "no command"),
         (4, 3, "4", "the frame 4"),
@@ -434,6 +434,7 @@ FIRST = ("mission", "items", 0)
     [
         (("fileType",), "Mission", "fileType: Mission is not known"),
         (("mission", "version"), 3, "mission.version: 3 is not known"),
+        (("geoFence",), {"version": 1, "polygons": [{}]}, "geoFence.version: fences of another version"),
         (("mission",), ..., "mission: nothing here"),
         (("mission", "plannedHomePosition"), [1, 2], "mission.plannedHomePosition: no position"),
         ((*FIRST, "type"), "FancyItem", "mission.items[0].type: FancyItem is not known"),
@@ -477,7 +478,7 @@ def test_a_first_row_that_is_no_home_is_flown():
     assert plan.site.origin_deg == pytest.approx(HOME, abs=1e-8)
     assert len(plan.stages) == len(read(wpl(waypoint(400, 0), item(20)))[0].stages)
     assert [finding.code for finding in found] == ["no-home", "no-home"]
-    assert "row 0 is command 22 and no home" in found[0].message
+    assert "row 0 is 22 (NAV_TAKEOFF) and no home" in found[0].message
 
 
 CORNERS = [(-100, -100), (500, -100), (500, 500), (-100, 500)]

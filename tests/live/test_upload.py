@@ -446,6 +446,17 @@ def test_the_rest_has_the_camera_of_each_line():
     assert [each.item.parameters[0] for each in rest if each.item.command == 206] == [0, 15, 0, 15, 0]
 
 
+def test_an_airspeed_that_ends_in_the_rest_is_commanded():
+    first, rest = CAMERA.split("0.1; 270; x - 100")
+    text = f"%: airspeed 12\n{first}%: airspeed default\n0.1; 270; x - 100{rest}"
+    plan, _ = read_plan(Text("speeds", text))
+    planned = nominal_route(plan, ()).planned()
+    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
+    whole = mapped_items(mission_items(path), planned, 0)
+    _, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned, px4=False)
+    assert [each.item.parameters[1] for each in rest if each.item.command == 178] == [-2]
+
+
 @pytest.mark.parametrize("px4", [False, True])
 def test_the_rest_for_px4_has_no_loiters(px4):
     plan, _ = read_plan(Text("stadium", STADIUM.format(2, 40, 8, 30)))

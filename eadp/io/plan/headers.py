@@ -23,6 +23,7 @@ _HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
 _HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
+NO_HEIGHT = "none"
 _MADE_FOR = re.compile(r"(.*?) ?airspeed (\S+) wind (\S+?),? (\S+)\Z")
 _CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
 
@@ -206,7 +207,9 @@ def _obstacle(text: str) -> Obstacle:
     label, ring = _area(text, " after a name")
     height = _HEIGHT.search(label)
     expected = "a height above the origin, from 0 to 1e5 m"
-    height_m = read_number(height[1], expected, lambda value: 0 <= value <= 1e5) if height else None
+    height_m = None
+    if height and height[1] != NO_HEIGHT:
+        height_m = read_number(height[1], expected, lambda value: 0 <= value <= 1e5)
     return Obstacle(ring, label[: height.start()] if height else label, height_m)
 
 
@@ -253,6 +256,8 @@ def _field_lines(plan: Plan) -> Iterator[str]:
 def _obstacle_lines(plan: Plan) -> Iterator[str]:
     for obstacle in plan.site.airspace.obstacles:
         height = "" if obstacle.height_m is None else f" height {number_text(obstacle.height_m)}"
+        if not height and _HEIGHT.search(obstacle.name):  # a name that ends as a height does
+            height = f" height {NO_HEIGHT}"
         yield f"avoid {obstacle.name}{height} {_corners(obstacle.outline)}"
 
 

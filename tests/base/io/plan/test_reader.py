@@ -18,6 +18,7 @@ from eadp.io.plan.reader import LIMIT_CHARACTERS, LIMIT_STAGES, read_plan
 from eadp.io.plan.sources import PlanReader
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
+from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Stage
 
@@ -50,6 +51,15 @@ def triggers(plan, *parameters):
 
 
 # --- the papers' format -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["Mast height 30", "height 5", "mast"])
+def test_an_obstacle_whose_name_ends_as_a_height_does_keeps_its_own(name):
+    plan = read(SHORT)
+    for height_m in (None, 12.0):
+        mast = Obstacle(((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)), name, height_m)
+        with_mast = replace(plan, site=plan.site._replace(airspace=Airspace((mast,))))
+        assert read(plan_text(with_mast)).site.airspace.obstacles == (mast,)
 
 
 def test_the_appendix():
