@@ -35,7 +35,7 @@ def up_a_line(pilot, parameters, length_m, stage_m=900.0, soc=lambda t: PLENTY):
         y = SPEED_MPS * k
         stage = int(y // stage_m) + 1
         own = {"power_w": MOTION_W + 9.8, "velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
-        plan = pilot._mission.plan
+        plan = pilot.mission.plan
         seen = observation(plan, parameters, float(k), 0.0, y, started=stage, soc=soc(k), **own)
         decisions.append(pilot.take(seen))
         parameters = decisions[-1].parameters

@@ -153,7 +153,7 @@ def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost
         power = MOTION_W + (float(np.interp(own, [2, 10], [4.8, 9.8])) if running(stage) else 0.0)
         soc -= battery.drain_per_s(power, battery.voltage_v)
         motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
-        plan, y, known = pilot._mission.plan, SPEED_MPS * k, soc - lost(k)
+        plan, y, known = pilot.mission.plan, SPEED_MPS * k, soc - lost(k)
         seen = observation(plan, (own,), float(k), 0.0, y, started=stage, power_w=power, soc=known, **motion)
         decisions.append(pilot.take(seen))
         parameters = decisions[-1].parameters
