@@ -342,7 +342,7 @@ def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> Plann
 
 
 def _with_pictures(plan: Plan, planned: PlannedLegs) -> PlannedLegs:
-    """The legs that are left of a flight; the first one begins the pictures that an earlier stage has begun."""
+    """The legs that are left of a flight; the first one starts the pictures that an earlier stage has started."""
     first = planned.legs[0]
     before = plan.stages[: first.stage.index - 1]
     before = (*plan.stages, *before) if first.lap else before
