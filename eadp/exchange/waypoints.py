@@ -70,7 +70,10 @@ class TightTurn(NamedTuple):
 
 
 class WaypointPath(NamedTuple):
-    """The pieces of a path, each with the index of the target that it leads to, and the turns that are too tight."""
+    """The pieces of a path, each with the index of the target that it leads to, and the turns that are too tight.
+
+    The way to a circle has the index of the first of the waypoints in it.
+    """
 
     pieces: list[tuple[int, Piece]]
     tight: list[TightTurn]
@@ -80,9 +83,9 @@ class WaypointPath(NamedTuple):
 class _Leg:
     """The way to a target, and the turn at its end: round a circle, or a fillet of `corner_rad`, or none.
 
-    The way is straight, or with `round` an arc of that circle. `trim_m` is what fillets take off at the start and end;
-    one that is wider than it must be begins `begins_m` before, or passes the corner within `eased_m`. The way goes
-    `past_m` beyond the waypoint.
+    The way is straight, or with `round` an arc of that circle; `way` is the target that it was to: the first of those
+    in the circle, or the same. `trim_m` is what fillets take off at the start and end; one that is wider than it must
+    be begins `begins_m` before, or passes the corner within `eased_m`. The way goes `past_m` beyond the waypoint.
     """
 
     target: int
@@ -96,6 +99,7 @@ class _Leg:
     begins_m: float = 0.0
     past_m: float = 0.0
     trim_m: tuple[float, float] = (0.0, 0.0)
+    way: int = 0
 
     @property
     def length_m(self) -> float:
@@ -132,9 +136,13 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
     legs: list[_Leg] = []
     leave: Target = Waypoint(start, math.inf)
     kept = _kept(start, targets)
-    for k, (i, target) in enumerate(kept):
+    for k, (i, target, way) in enumerate(kept):
         following = kept[k + 1][1] if k + 1 < len(kept) else None
-        leg = _leg(i, leave, target)
+        if isinstance(leave, Loiter) and isinstance(target, Loiter) and leave[:2] == target[:2]:
+            leg = _farther(i, leave, legs[-1])
+        else:
+            leg = _leg(i, leave, target)
+        leg.way = way
         if leg.round is not None and abs(leg.round.radius_m) < radius_m:
             tight.append(TightTurn(i, 2 * abs(leg.round.radius_m), 2 * radius_m))
         legs.append(leg)
@@ -147,31 +155,44 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
     return WaypointPath(_pieces(legs), tight)
 
 
-def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target]]:
-    """The targets by index, without waypoints that the circle before or after them passes, or that stand twice."""
-    kept: list[tuple[int, Target]] = [(-1, Waypoint(start, 0.0))]
+def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target, int]]:
+    """The targets by index, without waypoints that the circle before or after them passes, or that stand twice.
+
+    Each has the index of the target that the way to it was to.
+    """
+    kept: list[tuple[int, Target, int]] = [(-1, Waypoint(start, 0.0), -1)]
     for i, target in enumerate(targets):
-        before = kept[-1][1]
+        before, way = kept[-1][1], i
         apart_m = math.dist(before.centre_m, target.centre_m)
         if isinstance(target, Loiter):
-            if isinstance(before, Loiter) and apart_m < ON_CIRCLE_M and before.radius_m == target.radius_m:
-                target = target._replace(turns=before.turns + target.turns)
-                kept.pop()
             while (
                 len(kept) > 1
-                and isinstance(last := kept[-1][1], Waypoint)
-                and math.dist(last.centre_m, target.centre_m) <= abs(target.radius_m) + ON_CIRCLE_M
+                and isinstance(before, Waypoint)
+                and math.dist(before.centre_m, target.centre_m) <= abs(target.radius_m) + ON_CIRCLE_M
             ):
-                kept.pop()
+                way = kept.pop()[2]
+                before = kept[-1][1]
+            again = isinstance(before, Loiter) and before.radius_m == target.radius_m
+            if again and math.dist(before.centre_m, target.centre_m) < ON_CIRCLE_M:
+                target = target._replace(centre_m=before.centre_m)
         elif isinstance(before, Waypoint):
             if apart_m < MIN_PIECE_M and isinstance(target, Waypoint):
                 nearest = min(before.miss_m, target.miss_m)
-                kept[-1] = (kept[-1][0], Waypoint(before.centre_m, nearest, max(before.past_m, target.past_m)))
+                both = Waypoint(before.centre_m, nearest, max(before.past_m, target.past_m))
+                kept[-1] = (kept[-1][0], both, kept[-1][2])
                 continue
         elif abs(apart_m - abs(before.radius_m)) < ON_CIRCLE_M and i < len(targets) - 1:
             continue
-        kept.append((i, target))
+        kept.append((i, target, way))
     return kept[1:]
+
+
+def _farther(index: int, circle: Loiter, leg: _Leg) -> _Leg:
+    """No way, from where the turns of a circle end that a leg leads to, for more of them."""
+    side = int(math.copysign(1.0, circle.radius_m))
+    turn = Piece(side, (*leg.end, leg.course_rad), (*leg.end, leg.course_rad), 0.0, circle.centre_m)
+    x, y, course = turn.pose_at(2 * math.pi * abs(circle.radius_m) * circle.turns)
+    return _Leg(index, (x, y), (x, y), course)
 
 
 def _leg(index: int, leave: Target, target: Target) -> _Leg:
@@ -294,10 +315,10 @@ def _pieces(legs: Sequence[_Leg]) -> list[tuple[int, Piece]]:
         first, last = leg.trim_m  # at the start and at the end
         end: Pose = (*_ahead(leg.end, leg.course_rad, -last), leg.course_rad)
         if leg.round is not None:
-            pieces += [(leg.target, piece) for piece in _arc(leg.round, leg.start, leg.end)]
+            pieces += [(leg.way, piece) for piece in _arc(leg.round, leg.start, leg.end)]
         elif leg.length_m - first - last >= MIN_PIECE_M:
             start = (*_ahead(leg.start, leg.course_rad, first), leg.course_rad)
-            pieces.append((leg.target, Piece(0, start, end, math.dist(start[:2], end[:2]), None)))
+            pieces.append((leg.way, Piece(0, start, end, math.dist(start[:2], end[:2]), None)))
         if leg.circle is not None:
             pieces += [(leg.target, piece) for piece in _arc(leg.circle, leg.end, after.start if after else None)]
         elif after is not None and leg.corner_rad:

@@ -214,6 +214,25 @@ def test_commands_without_motion_are_kept_where_they_are_given():
     assert sum(len(commands) for _, commands in kept) == 3
 
 
+THERE = {"east": 2000, "north": 0}
+
+
+@pytest.mark.parametrize("first", [item(16, altitude=150, **THERE), item(18, 1, 0, 80, altitude=150, **THERE)])
+@pytest.mark.parametrize("then", [item(31, 1, 80, altitude=40, **THERE), item(18, 2, 0, 80, altitude=40, **THERE)])
+def test_the_way_to_a_circle_is_flown_as_its_first_item_has_it(first, then):
+    """A circle's turns at one altitude are not those at another, and its place is reached before it."""
+    items = [waypoint(0, 300, altitude=90), item(206, 25, 0, 1), first, item(178, 0, 14), then]
+    plan, _ = read(wpl(*items, waypoint(2000, 900, altitude=40)))
+    k, way = max(enumerate(plan.stages), key=lambda pair: len(pair[1].commands))
+    assert (way.kind, way.altitude_m, way.airspeed_mps, way.commands[0][:2]) == ("line", 150, None, (206, 25))
+    turns = [stage for stage in plan.stages[k:] if stage.kind == "circle"]
+    level = [stage for stage in turns if stage.altitude_m == 150]
+    assert len(level) == (first[0][0] == 18)
+    assert {(stage.altitude_m, stage.airspeed_mps is None) for stage in turns[len(level) :]} == {(40, False)}
+    lengths_m = [leg.distance_m for leg in nominal_legs(plan, ()) if leg.stage in level]
+    assert lengths_m == pytest.approx([2 * math.pi * 80] * len(level), abs=CENTIMETRE_M)
+
+
 def test_what_a_fixed_wing_does_otherwise_is_a_finding():
     items = [waypoint(300, 0), item(178, 1, 20), item(82, east=600, north=300), item(20), waypoint(9, 9)]
     plan, found = read(qgc(*items, vehicleType=2))
