@@ -29,6 +29,7 @@ from eadp.exchange.path import (
     geojson_text,
     gpx_text,
     kml_text,
+    one_circle,
     paparazzi_text,
 )
 from eadp.exchange.reader import ARDUPILOT, PX4, fence_text, qgc_text, wpl_text
@@ -320,7 +321,8 @@ class _ItemBuilder:
             turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
             long = section.arc is None and math.dist(section.start_m, end) >= LONG_M
             acceptance_m = ACCEPTANCE_M if long and abs(turn) <= STRAIGHT_RAD else 0.0
-            if arc and following.arc and not following.stage.command(d.LOITER_TO_ALTITUDE):
+            loiters = following.stage.command(d.LOITER_TO_ALTITUDE) and not one_circle(section, following)
+            if arc and following.arc and not loiters:
                 return
             if abs(turn) <= STRAIGHT_RAD and self._joins(section, following):
                 self._skipped = None if arc else section.first

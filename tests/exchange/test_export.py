@@ -113,6 +113,25 @@ def test_half_and_whole_turns_are_loiters_and_lines_have_their_ends():
     assert sum(item.command == 18 for item in mission_items(path_of(twice))) == 1
 
 
+@pytest.mark.parametrize(
+    ("then", "items"),
+    [
+        ("", [(18, 60)]),
+        ("%: altitude 120\n", [(18, 60), (18, 120)]),
+        ("%: airspeed 12\n", [(18, 60), (178, 0), (18, 60)]),
+        ("%: command 206 25 0 1 0 0 0 0\n", [(18, 60), (206, 0), (18, 60)]),
+        ("%: command 31 0 0 0 0 0 0 0\n", [(18, 60), (31, 60)]),
+        ("%: altitude 120\n%: command 31 0 0 0 0 0 0 0\n", [(18, 60), (31, 120)]),
+    ],
+)
+def test_turns_round_one_centre_keep_what_they_are_flown_with(then, items):
+    turn = "0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500\n0, 300\n"
+    text = f"%: altitude 60\n0.1; 90; x\n0, 300\n{2 * turn}{then}{turn}0.1; 90; x\n0, 900\n"
+    exported = mission_items(path_of(read_plan(Text("p", text))[0]))
+    first = next(i for i, item in enumerate(exported) if item.command == 18)
+    assert [(item.command, item.parameters[6]) for item in exported[first:]][: len(items)] == items
+
+
 @pytest.mark.parametrize("tolerance_m", [0.2, 1.0, 5.0])
 def test_turns_of_px4_are_waypoints_within_the_tolerance(tolerance_m):
     """PX4 refuses a mission with LOITER_TURNS (18), and one whose first position is far away, as 0, 0 is."""
