@@ -201,8 +201,9 @@ class _ItemBuilder:
                 self._fly_to(section.start_m)
             self._fly(k)
         distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
-        # a mission's own pictures, which nothing ends, are written back as they are
-        if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
+        # a mission's own pictures, which nothing ends, go on in its landing
+        own = path.trigger_distance_m is None and 0.0 not in distances_m
+        if distances_m and distances_m[-1] > 0 and not (own and sections[-1].stage.command(d.LAND)):
             self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
             starts = [i for i, item in enumerate(self.items) if item.command == d.LAND_START]
             if starts:  # what follows a landing is not done

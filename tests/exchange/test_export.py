@@ -220,6 +220,19 @@ def test_px4_ends_pictures_beyond_the_line(radius_m, to, last):
         assert max(off_at) < 2.24 * (14 + 7) + max(0.8 * radius_m, 30)
 
 
+@pytest.mark.parametrize(
+    "ends", ["", "3 0 2 206 0 0 1 0 0 0 0 1\n", "3 0 2 206 9 0 1 0 0 0 0 1\n4 0 2 206 0 0 1 0 0 0 0 1\n"]
+)
+@pytest.mark.parametrize("to", WITH_ITEMS)
+def test_pictures_are_on_along_the_last_line_and_off_after_it(ends, to):
+    rows = "1 0 2 206 25 0 1 0 0 0 0 1\n2 0 3 16 0 0 0 0 47.003 8 60 1\n" + ends
+    plan, _ = READER(Text("m", f"QGC WPL 110\n0 1 0 16 0 0 0 0 47 8 400 1\n{rows}"))
+    exported = [(item.command, item.parameters[0]) for item in mission_items(path_of(plan), px4=to == "px4")]
+    assert exported == [(16, 0), (206, 25), (16, 0), (206, 0)]
+    for each in (plan, read_back(path_of(plan), to)[0]):
+        assert [[command[:2] for command in stage.commands] for stage in each.stages] == [[(206, 25)]]
+
+
 def test_a_waypoint_beyond_the_path_is_within_the_boundary():
     for boundary, more in ((), 1), ((((-50, -40), (100, -40), (100, 400), (-50, 400)),), 0):
         path = path_of(pictured(40), airspeed_mps=14.0, airspace=Airspace(boundary=boundary))

@@ -207,7 +207,7 @@ def test_altitudes_are_above_home_whatever_their_frame():
 
 
 def test_commands_without_motion_are_kept_where_they_are_given():
-    plan, _ = read(wpl(item(530, 0, 2), waypoint(300, 0), item(206, 25, 0, 1), waypoint(600, 300), item(206)))
+    plan, _ = read(wpl(item(530, 0, 2), waypoint(300, 0), item(206, 25, 0, 1), waypoint(600, 300), item(530, 0, 2)))
     kept = [(stage.index, [command[:4] for command in stage.commands]) for stage in plan.stages if stage.commands]
     assert kept[0] == (1, [(530, 0, 2, 0)])
     assert (206, 25, 0, 1) in kept[1][1]
