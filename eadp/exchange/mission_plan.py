@@ -316,9 +316,8 @@ class MissionPlan:
                     commands = []
             elif item.command in MOTIONLESS or item.command in (d.CHANGE_SPEED, d.LAND_START):
                 commands.append(_command(item))
-        pictures = [each for each in commands if each[0] == d.TRIGGER_DISTANCE]
-        if pictures and pictures[-1][1] == 0:  # off where nothing more is flown
-            commands = [each for each in commands if each not in pictures]
+        if [each[1] for each in commands if each[0] == d.TRIGGER_DISTANCE][-1:] == [0]:  # where nothing more is flown
+            commands = [each for each in commands if each[0] != d.TRIGGER_DISTANCE]
         if commands and visits:
             visits[-1] = visits[-1]._replace(commands=(*visits[-1].commands, *commands))
         return visits

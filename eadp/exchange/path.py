@@ -158,22 +158,15 @@ def planned_sections(legs: Iterable[Leg]) -> tuple[Section, ...]:
 
 def _joins(before: Section, section: Section) -> bool:
     """Whether an arc goes on with the one before it: whole turns do not beside a loiter to an altitude, with none."""
-    one, other = before.stage, section.stage
-    same = (one.altitude_m, one.airspeed_mps) == (other.altitude_m, other.airspeed_mps)
-    same &= all(each[0] == LOITER_TO_ALTITUDE for each in other.commands)
-    turns = [
-        each.arc.sweep_rad for each in (before, section) if each.arc and not each.stage.command(LOITER_TO_ALTITUDE)
-    ]
-    return same and one_circle(before, section) and (len(turns) != 1 or turns[0] < 2 * math.pi - 1e-6)
+    states = {(each.stage.altitude_m, each.stage.airspeed_mps) for each in (before, section)}
+    same = len(states) == 1 and all(each[0] == LOITER_TO_ALTITUDE for each in section.stage.commands)
+    free = [each.arc for each in (before, section) if each.arc and not each.stage.command(LOITER_TO_ALTITUDE)]
+    return same and one_circle(before.arc, section.arc) and (len(free) != 1 or free[0].sweep_rad < 2 * math.pi - 1e-6)
 
 
-def one_circle(before: Section, section: Section) -> bool:
+def one_circle(a: Arc | None, b: Arc | None) -> bool:
     """Whether both are arcs of one circle, flown in one direction."""
-    a, b = before.arc, section.arc
-    if a is None or b is None:
-        return False
-    near = math.dist(a.centre_m, b.centre_m) < 1e-6 and abs(a.radius_m - b.radius_m) < 1e-6
-    return near and a.turn == b.turn
+    return bool(a and b and a.turn == b.turn and math.dist((*a.centre_m, a.radius_m), (*b.centre_m, b.radius_m)) < 1e-6)
 
 
 def _section(leg: Leg) -> Section:

@@ -70,10 +70,7 @@ class TightTurn(NamedTuple):
 
 
 class WaypointPath(NamedTuple):
-    """The pieces of a path, each with the index of the target that it leads to, and the turns that are too tight.
-
-    The way to a circle has the index of the first of the waypoints in it.
-    """
+    """The pieces of a path, each with the index of the target that it is flown to, and the turns that are too tight."""
 
     pieces: list[tuple[int, Piece]]
     tight: list[TightTurn]
@@ -138,10 +135,8 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
     kept = _kept(start, targets)
     for k, (i, target, way) in enumerate(kept):
         following = kept[k + 1][1] if k + 1 < len(kept) else None
-        if isinstance(leave, Loiter) and isinstance(target, Loiter) and leave[:2] == target[:2]:
-            leg = _farther(i, leave, legs[-1])
-        else:
-            leg = _leg(i, leave, target)
+        again = isinstance(target, Loiter) and isinstance(leave, Loiter) and leave[:2] == target[:2]
+        leg = _farther(legs[-1], i) if again else _leg(i, leave, target)
         leg.way = way
         if leg.round is not None and abs(leg.round.radius_m) < radius_m:
             tight.append(TightTurn(i, 2 * abs(leg.round.radius_m), 2 * radius_m))
@@ -156,30 +151,27 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
 
 
 def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target, int]]:
-    """The targets by index, without waypoints that the circle before or after them passes, or that stand twice.
+    """The targets, with their indices and those of the first in their circles, to which the ways are flown.
 
-    Each has the index of the target that the way to it was to.
+    They are without waypoints that the circle beside them passes, or that stand twice.
     """
     kept: list[tuple[int, Target, int]] = [(-1, Waypoint(start, 0.0), -1)]
     for i, target in enumerate(targets):
         before, way = kept[-1][1], i
         apart_m = math.dist(before.centre_m, target.centre_m)
         if isinstance(target, Loiter):
-            while (
-                len(kept) > 1
-                and isinstance(before, Waypoint)
-                and math.dist(before.centre_m, target.centre_m) <= abs(target.radius_m) + ON_CIRCLE_M
-            ):
+            within_m = abs(target.radius_m) + ON_CIRCLE_M
+            while len(kept) > 1 and isinstance(before, Waypoint) and apart_m <= within_m:
                 way = kept.pop()[2]
                 before = kept[-1][1]
-            again = isinstance(before, Loiter) and before.radius_m == target.radius_m
-            if again and math.dist(before.centre_m, target.centre_m) < ON_CIRCLE_M:
+                apart_m = math.dist(before.centre_m, target.centre_m)
+            if isinstance(before, Loiter) and apart_m < ON_CIRCLE_M and before.radius_m == target.radius_m:
                 target = target._replace(centre_m=before.centre_m)
         elif isinstance(before, Waypoint):
             if apart_m < MIN_PIECE_M and isinstance(target, Waypoint):
                 nearest = min(before.miss_m, target.miss_m)
-                both = Waypoint(before.centre_m, nearest, max(before.past_m, target.past_m))
-                kept[-1] = (kept[-1][0], both, kept[-1][2])
+                before = Waypoint(before.centre_m, nearest, max(before.past_m, target.past_m))
+                kept[-1] = (kept[-1][0], before, kept[-1][2])
                 continue
         elif abs(apart_m - abs(before.radius_m)) < ON_CIRCLE_M and i < len(targets) - 1:
             continue
@@ -187,11 +179,12 @@ def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target, in
     return kept[1:]
 
 
-def _farther(index: int, circle: Loiter, leg: _Leg) -> _Leg:
-    """No way, from where the turns of a circle end that a leg leads to, for more of them."""
-    side = int(math.copysign(1.0, circle.radius_m))
-    turn = Piece(side, (*leg.end, leg.course_rad), (*leg.end, leg.course_rad), 0.0, circle.centre_m)
-    x, y, course = turn.pose_at(2 * math.pi * abs(circle.radius_m) * circle.turns)
+def _farther(leg: _Leg, index: int) -> _Leg:
+    """No way, from where the turns of a leg's circle end, for more of them."""
+    assert leg.circle is not None
+    (cx, cy), radius, turns = leg.circle
+    course = wrap_angle_rad(leg.course_rad + 2 * math.pi * math.copysign(turns, radius))
+    x, y = cx + radius * math.sin(course), cy - radius * math.cos(course)
     return _Leg(index, (x, y), (x, y), course)
 
 

@@ -322,7 +322,7 @@ class _ItemBuilder:
             turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
             long = section.arc is None and math.dist(section.start_m, end) >= LONG_M
             acceptance_m = ACCEPTANCE_M if long and abs(turn) <= STRAIGHT_RAD else 0.0
-            loiters = following.stage.command(d.LOITER_TO_ALTITUDE) and not one_circle(section, following)
+            loiters = following.stage.command(d.LOITER_TO_ALTITUDE) and not one_circle(arc, following.arc)
             if arc and following.arc and not loiters:
                 return
             if abs(turn) <= STRAIGHT_RAD and self._joins(section, following):

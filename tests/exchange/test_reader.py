@@ -214,23 +214,18 @@ def test_commands_without_motion_are_kept_where_they_are_given():
     assert sum(len(commands) for _, commands in kept) == 3
 
 
-THERE = {"east": 2000, "north": 0}
-
-
-@pytest.mark.parametrize("first", [item(16, altitude=150, **THERE), item(18, 1, 0, 80, altitude=150, **THERE)])
-@pytest.mark.parametrize("then", [item(31, 1, 80, altitude=40, **THERE), item(18, 2, 0, 80, altitude=40, **THERE)])
+@pytest.mark.parametrize("first", [(16,), (18, 1, 0, 80)])
+@pytest.mark.parametrize("then", [(31, 1, 80), (18, 2, 0, 80)])
 def test_the_way_to_a_circle_is_flown_as_its_first_item_has_it(first, then):
-    """A circle's turns at one altitude are not those at another, and its place is reached before it."""
-    items = [waypoint(0, 300, altitude=90), item(206, 25, 0, 1), first, item(178, 0, 14), then]
-    plan, _ = read(wpl(*items, waypoint(2000, 900, altitude=40)))
-    k, way = max(enumerate(plan.stages), key=lambda pair: len(pair[1].commands))
-    assert (way.kind, way.altitude_m, way.airspeed_mps, way.commands[0][:2]) == ("line", 150, None, (206, 25))
-    turns = [stage for stage in plan.stages[k:] if stage.kind == "circle"]
-    level = [stage for stage in turns if stage.altitude_m == 150]
-    assert len(level) == (first[0][0] == 18)
-    assert {(stage.altitude_m, stage.airspeed_mps is None) for stage in turns[len(level) :]} == {(40, False)}
-    lengths_m = [leg.distance_m for leg in nominal_legs(plan, ()) if leg.stage in level]
-    assert lengths_m == pytest.approx([2 * math.pi * 80] * len(level), abs=CENTIMETRE_M)
+    there = [item(*each, east=2000, north=0, altitude=up) for each, up in ((first, 150), (then, 40))]
+    plan, _ = read(wpl(waypoint(0, 300), item(206, 25), there[0], item(178, 0, 14), there[1], waypoint(2000, 900)))
+    legs = list(nominal_legs(plan, ()))
+    k, way = next((k, leg.stage) for k, leg in enumerate(legs) if leg.stage.commands)
+    assert (way.kind, way.altitude_m, way.airspeed_mps, way.commands[0][0]) == ("line", 150, None, 206)
+    circle = [leg for leg in legs[k + 1 :] if leg.stage.kind == "circle"]
+    level_m = sum(leg.distance_m for leg in circle if (leg.stage.altitude_m, leg.stage.airspeed_mps) == (150, None))
+    assert level_m == pytest.approx(2 * math.pi * 80 * (first[0] == 18), abs=CENTIMETRE_M)
+    assert (circle[-1].stage.altitude_m, circle[-1].stage.airspeed_mps is None) == (40, False)
 
 
 def test_what_a_fixed_wing_does_otherwise_is_a_finding():
