@@ -19,7 +19,7 @@ from eadp.core.guidance import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.exchange import items as d
 from eadp.exchange.items import MOTIONLESS, DraftItem, MissionDraft, command_text
-from eadp.exchange.waypoints import Loiter, Target, Waypoint, WaypointPath, path_through
+from eadp.exchange.waypoints import ON_CIRCLE_M, Loiter, Target, Waypoint, WaypointPath, path_through
 from eadp.io.plan.reader import LIMIT_STAGES
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Location, SourceText
@@ -36,7 +36,7 @@ LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
 FAR_HOME_M = 20_000.0
 """Distance of the first waypoint from home beyond which home may be another place [m]."""
-SAME_POINT_DEG, SAME_POINT_M = 1e-9, 1e-6
+SAME_POINT_DEG = 1e-9
 
 _POSITIONED = frozenset((
     d.WAYPOINT, d.LOITER_UNLIMITED, d.LOITER_TURNS, d.LOITER_TIME, d.LAND, d.TAKEOFF, d.LOITER_TO_ALTITUDE, d.SPLINE,
@@ -316,6 +316,8 @@ class MissionPlan:
                     commands = []
             elif item.command in MOTIONLESS or item.command in (d.CHANGE_SPEED, d.LAND_START):
                 commands.append(_command(item))
+        if [each[1] for each in commands if each[0] == d.TRIGGER_DISTANCE][-1:] == [0]:  # where nothing more is flown
+            commands = [each for each in commands if each[0] != d.TRIGGER_DISTANCE]
         if commands and visits:
             visits[-1] = visits[-1]._replace(commands=(*visits[-1].commands, *commands))
         return visits
@@ -461,7 +463,7 @@ class MissionPlan:
             function, rotation, gain = piece_path(piece)
             if function not in functions:
                 functions[function] = read_expression(function)
-            around = piece.centre_m is not None and math.dist(piece.centre_m, visit.target.centre_m) < SAME_POINT_M
+            around = piece.centre_m is not None and math.dist(piece.centre_m, visit.target.centre_m) < ON_CIRCLE_M
             if visit.item.command == d.LOITER_TO_ALTITUDE and around:
                 commands = (*commands, LOITER)
             end = piece.end[:2]

@@ -144,25 +144,31 @@ class PlannedPath:
 
 
 def planned_sections(legs: Iterable[Leg]) -> tuple[Section, ...]:
-    """The path along legs, its arcs round one circle joined."""
+    """The path along legs, its arcs round one circle joined where nothing else changes."""
     sections: list[Section] = []
     for index, leg in enumerate(legs):
         section = replace(_section(leg), first=index, last=index)
         before = sections[-1] if sections else None
-        if before is not None and before.arc and section.arc and _one_circle(before.arc, section.arc):
+        if before is not None and before.arc and section.arc and _joins(before, section):
             arc = before.arc._replace(sweep_rad=before.arc.sweep_rad + section.arc.sweep_rad)
-            stage = before.stage
-            if section.stage.command(LOITER_TO_ALTITUDE):  # to the altitude of the last circle
-                stage = replace(section.stage, commands=(*stage.commands, *section.stage.commands))
+            stage = replace(before.stage, commands=(*before.stage.commands, *section.stage.commands))
             sections[-1] = replace(before, stage=stage, end_m=section.end_m, arc=arc, last=index)
         elif leg.distance_m > 1e-6:
             sections.append(section)
     return tuple(sections)
 
 
-def _one_circle(a: Arc, b: Arc) -> bool:
-    near = math.dist(a.centre_m, b.centre_m) < 1e-6 and abs(a.radius_m - b.radius_m) < 1e-6
-    return near and a.turn == b.turn
+def _joins(before: Section, section: Section) -> bool:
+    """Whether an arc goes on with the one before it: whole turns do not beside a loiter to an altitude, with none."""
+    states = {(each.stage.altitude_m, each.stage.airspeed_mps) for each in (before, section)}
+    same = len(states) == 1 and all(each[0] == LOITER_TO_ALTITUDE for each in section.stage.commands)
+    free = [each.arc for each in (before, section) if each.arc and not each.stage.command(LOITER_TO_ALTITUDE)]
+    return same and one_circle(before.arc, section.arc) and (len(free) != 1 or free[0].sweep_rad < 2 * math.pi - 1e-6)
+
+
+def one_circle(a: Arc | None, b: Arc | None) -> bool:
+    """Whether both are arcs of one circle, flown in one direction."""
+    return bool(a and b and a.turn == b.turn and math.dist((*a.centre_m, a.radius_m), (*b.centre_m, b.radius_m)) < 1e-6)
 
 
 def _section(leg: Leg) -> Section:

@@ -70,7 +70,7 @@ class TightTurn(NamedTuple):
 
 
 class WaypointPath(NamedTuple):
-    """The pieces of a path, each with the index of the target that it leads to, and the turns that are too tight."""
+    """The pieces of a path, each with the index of the target that it is flown to, and the turns that are too tight."""
 
     pieces: list[tuple[int, Piece]]
     tight: list[TightTurn]
@@ -80,9 +80,9 @@ class WaypointPath(NamedTuple):
 class _Leg:
     """The way to a target, and the turn at its end: round a circle, or a fillet of `corner_rad`, or none.
 
-    The way is straight, or with `round` an arc of that circle. `trim_m` is what fillets take off at the start and end;
-    one that is wider than it must be begins `begins_m` before, or passes the corner within `eased_m`. The way goes
-    `past_m` beyond the waypoint.
+    The way is straight, or with `round` an arc of that circle; `way` is the target that it was to: the first of those
+    in the circle, or the same. `trim_m` is what fillets take off at the start and end; one that is wider than it must
+    be begins `begins_m` before, or passes the corner within `eased_m`. The way goes `past_m` beyond the waypoint.
     """
 
     target: int
@@ -96,6 +96,7 @@ class _Leg:
     begins_m: float = 0.0
     past_m: float = 0.0
     trim_m: tuple[float, float] = (0.0, 0.0)
+    way: int = 0
 
     @property
     def length_m(self) -> float:
@@ -132,9 +133,11 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
     legs: list[_Leg] = []
     leave: Target = Waypoint(start, math.inf)
     kept = _kept(start, targets)
-    for k, (i, target) in enumerate(kept):
+    for k, (i, target, way) in enumerate(kept):
         following = kept[k + 1][1] if k + 1 < len(kept) else None
-        leg = _leg(i, leave, target)
+        again = isinstance(target, Loiter) and isinstance(leave, Loiter) and leave[:2] == target[:2]
+        leg = _farther(legs[-1], i) if again else _leg(i, leave, target)
+        leg.way = way
         if leg.round is not None and abs(leg.round.radius_m) < radius_m:
             tight.append(TightTurn(i, 2 * abs(leg.round.radius_m), 2 * radius_m))
         legs.append(leg)
@@ -147,31 +150,42 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
     return WaypointPath(_pieces(legs), tight)
 
 
-def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target]]:
-    """The targets by index, without waypoints that the circle before or after them passes, or that stand twice."""
-    kept: list[tuple[int, Target]] = [(-1, Waypoint(start, 0.0))]
+def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target, int]]:
+    """The targets, with their indices and those of the first in their circles, to which the ways are flown.
+
+    They are without waypoints that the circle beside them passes, or that stand twice.
+    """
+    kept: list[tuple[int, Target, int]] = [(-1, Waypoint(start, 0.0), -1)]
     for i, target in enumerate(targets):
-        before = kept[-1][1]
+        before, way = kept[-1][1], i
         apart_m = math.dist(before.centre_m, target.centre_m)
         if isinstance(target, Loiter):
+            within_m = abs(target.radius_m) + ON_CIRCLE_M
+            while len(kept) > 1 and isinstance(before, Waypoint) and apart_m <= within_m:
+                way = kept.pop()[2]
+                before = kept[-1][1]
+                apart_m = math.dist(before.centre_m, target.centre_m)
             if isinstance(before, Loiter) and apart_m < ON_CIRCLE_M and before.radius_m == target.radius_m:
-                target = target._replace(turns=before.turns + target.turns)
-                kept.pop()
-            while (
-                len(kept) > 1
-                and isinstance(last := kept[-1][1], Waypoint)
-                and math.dist(last.centre_m, target.centre_m) <= abs(target.radius_m) + ON_CIRCLE_M
-            ):
-                kept.pop()
+                target = target._replace(centre_m=before.centre_m)
         elif isinstance(before, Waypoint):
             if apart_m < MIN_PIECE_M and isinstance(target, Waypoint):
                 nearest = min(before.miss_m, target.miss_m)
-                kept[-1] = (kept[-1][0], Waypoint(before.centre_m, nearest, max(before.past_m, target.past_m)))
+                before = Waypoint(before.centre_m, nearest, max(before.past_m, target.past_m))
+                kept[-1] = (kept[-1][0], before, kept[-1][2])
                 continue
         elif abs(apart_m - abs(before.radius_m)) < ON_CIRCLE_M and i < len(targets) - 1:
             continue
-        kept.append((i, target))
+        kept.append((i, target, way))
     return kept[1:]
+
+
+def _farther(leg: _Leg, index: int) -> _Leg:
+    """No way, from where the turns of a leg's circle end, for more of them."""
+    assert leg.circle is not None
+    (cx, cy), radius, turns = leg.circle
+    course = wrap_angle_rad(leg.course_rad + 2 * math.pi * math.copysign(turns, radius))
+    x, y = cx + radius * math.sin(course), cy - radius * math.cos(course)
+    return _Leg(index, (x, y), (x, y), course)
 
 
 def _leg(index: int, leave: Target, target: Target) -> _Leg:
@@ -294,10 +308,10 @@ def _pieces(legs: Sequence[_Leg]) -> list[tuple[int, Piece]]:
         first, last = leg.trim_m  # at the start and at the end
         end: Pose = (*_ahead(leg.end, leg.course_rad, -last), leg.course_rad)
         if leg.round is not None:
-            pieces += [(leg.target, piece) for piece in _arc(leg.round, leg.start, leg.end)]
+            pieces += [(leg.way, piece) for piece in _arc(leg.round, leg.start, leg.end)]
         elif leg.length_m - first - last >= MIN_PIECE_M:
             start = (*_ahead(leg.start, leg.course_rad, first), leg.course_rad)
-            pieces.append((leg.target, Piece(0, start, end, math.dist(start[:2], end[:2]), None)))
+            pieces.append((leg.way, Piece(0, start, end, math.dist(start[:2], end[:2]), None)))
         if leg.circle is not None:
             pieces += [(leg.target, piece) for piece in _arc(leg.circle, leg.end, after.start if after else None)]
         elif after is not None and leg.corner_rad:

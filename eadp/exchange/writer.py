@@ -29,6 +29,7 @@ from eadp.exchange.path import (
     geojson_text,
     gpx_text,
     kml_text,
+    one_circle,
     paparazzi_text,
 )
 from eadp.exchange.reader import ARDUPILOT, PX4, fence_text, qgc_text, wpl_text
@@ -200,8 +201,9 @@ class _ItemBuilder:
                 self._fly_to(section.start_m)
             self._fly(k)
         distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
-        # a mission's own pictures, which nothing ends, are written back as they are
-        if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
+        # a mission's own pictures, which nothing ends, go on in its landing
+        own = path.trigger_distance_m is None and 0.0 not in distances_m
+        if distances_m and distances_m[-1] > 0 and not (own and sections[-1].stage.command(d.LAND)):
             self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
             starts = [i for i, item in enumerate(self.items) if item.command == d.LAND_START]
             if starts:  # what follows a landing is not done
@@ -320,7 +322,8 @@ class _ItemBuilder:
             turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
             long = section.arc is None and math.dist(section.start_m, end) >= LONG_M
             acceptance_m = ACCEPTANCE_M if long and abs(turn) <= STRAIGHT_RAD else 0.0
-            if arc and following.arc and not following.stage.command(d.LOITER_TO_ALTITUDE):
+            loiters = following.stage.command(d.LOITER_TO_ALTITUDE) and not one_circle(arc, following.arc)
+            if arc and following.arc and not loiters:
                 return
             if abs(turn) <= STRAIGHT_RAD and self._joins(section, following):
                 self._skipped = None if arc else section.first

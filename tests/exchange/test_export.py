@@ -113,6 +113,15 @@ def test_half_and_whole_turns_are_loiters_and_lines_have_their_ends():
     assert sum(item.command == 18 for item in mission_items(path_of(twice))) == 1
 
 
+@pytest.mark.parametrize("then", ["altitude 90", "airspeed 9", f"command 206 9{6 * ' 0'}", f"command 31{7 * ' 0'}"])
+def test_turns_round_one_centre_keep_what_they_are_flown_with(then):
+    turn = "0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500\n0, 300\n"
+    text = f"%: altitude 60\n0.1; 90; x\n0, 300\n{2 * turn}%: {then}\n{turn}0.1; 90; x\n0, 900\n"
+    exported = mission_items(path_of(read_plan(Text("p", text))[0]))
+    circles = [(item.command, item.parameters[6]) for item in exported if item.command in (18, 31)]
+    assert circles == [(18, 60), (31 if "31" in then else 18, 90 if "altitude" in then else 60)]
+
+
 @pytest.mark.parametrize("tolerance_m", [0.2, 1.0, 5.0])
 def test_turns_of_px4_are_waypoints_within_the_tolerance(tolerance_m):
     """PX4 refuses a mission with LOITER_TURNS (18), and one whose first position is far away, as 0, 0 is."""
@@ -199,6 +208,18 @@ def test_px4_ends_pictures_beyond_the_line(radius_m, to, last):
         assert len(off_at) == (1 if 2 * radius_m < 47 else 2), "pictures go on to a line that is near"
         assert min(off_at) > 2.24 * (14 + 7)
         assert max(off_at) < 2.24 * (14 + 7) + max(0.8 * radius_m, 30)
+
+
+@pytest.mark.parametrize("ends", [(), (0,), (9, 0)])
+@pytest.mark.parametrize("to", WITH_ITEMS)
+def test_pictures_are_on_along_the_last_line_and_off_after_it(ends, to):
+    on, *off = (f"1 0 2 206 {distance} 0 1 0 0 0 0 1\n" for distance in (25, *ends))
+    rows = ["QGC WPL 110\n0 1 0 16 0 0 0 0 47 8 400 1\n", on, "2 0 3 16 0 0 0 0 47.003 8 60 1\n", *off]
+    plan, _ = READER(Text("m", "".join(rows)))
+    exported = [(item.command, item.parameters[0]) for item in mission_items(path_of(plan), px4=to == "px4")]
+    assert exported == [(16, 0), (206, 25), (16, 0), (206, 0)]
+    for each in (plan, read_back(path_of(plan), to)[0]):
+        assert [command[:2] for stage in each.stages for command in stage.commands] == [(206, 25)]
 
 
 def test_a_waypoint_beyond_the_path_is_within_the_boundary():

@@ -207,11 +207,25 @@ def test_altitudes_are_above_home_whatever_their_frame():
 
 
 def test_commands_without_motion_are_kept_where_they_are_given():
-    plan, _ = read(wpl(item(530, 0, 2), waypoint(300, 0), item(206, 25, 0, 1), waypoint(600, 300), item(206)))
+    plan, _ = read(wpl(item(530, 0, 2), waypoint(300, 0), item(206, 25, 0, 1), waypoint(600, 300), item(530, 0, 2)))
     kept = [(stage.index, [command[:4] for command in stage.commands]) for stage in plan.stages if stage.commands]
     assert kept[0] == (1, [(530, 0, 2, 0)])
     assert (206, 25, 0, 1) in kept[1][1]
     assert sum(len(commands) for _, commands in kept) == 3
+
+
+@pytest.mark.parametrize("first", [(16,), (18, 1, 0, 80)])
+@pytest.mark.parametrize("then", [(31, 1, 80), (18, 2, 0, 80)])
+def test_the_way_to_a_circle_is_flown_as_its_first_item_has_it(first, then):
+    there = [item(*each, east=2000, north=0, altitude=up) for each, up in ((first, 150), (then, 40))]
+    plan, _ = read(wpl(waypoint(0, 300), item(206, 25), there[0], item(178, 0, 14), there[1], waypoint(2000, 900)))
+    legs = list(nominal_legs(plan, ()))
+    k, way = next((k, leg.stage) for k, leg in enumerate(legs) if leg.stage.commands)
+    assert (way.kind, way.altitude_m, way.airspeed_mps, way.commands[0][0]) == ("line", 150, None, 206)
+    circle = [leg for leg in legs[k + 1 :] if leg.stage.kind == "circle"]
+    level_m = sum(leg.distance_m for leg in circle if (leg.stage.altitude_m, leg.stage.airspeed_mps) == (150, None))
+    assert level_m == pytest.approx(2 * math.pi * 80 * (first[0] == 18), abs=CENTIMETRE_M)
+    assert (circle[-1].stage.altitude_m, circle[-1].stage.airspeed_mps is None) == (40, False)
 
 
 def test_what_a_fixed_wing_does_otherwise_is_a_finding():

@@ -137,7 +137,9 @@ def test_circles_that_overlap_otherwise_cannot_be_joined():
 def test_a_waypoint_on_the_circle_after_it_is_passed_on_it():
     with_it = through([Waypoint((100.0, 0.0), 50), Loiter((100.0, 60.0), 60.0, 1), Waypoint((0.0, 120.0), 0)])
     without = through([Loiter((100.0, 60.0), 60.0, 1), Waypoint((0.0, 120.0), 0)])
-    assert length_m(with_it) == pytest.approx(length_m(without))
+    circle = Loiter((100.0, 60.0), 60.0, 0.7)
+    twice = through([circle, Waypoint((90.0, 60.0), 0), Loiter((100.3, 60.0), 60.0, 0.3), Waypoint((0.0, 120.0), 0)])
+    assert length_m(with_it) == pytest.approx(length_m(without)) == length_m(twice)
 
 
 @pytest.mark.parametrize(("radius_m", "corners"), [(60.0, 9), (60.0, 5), (150.0, 14)])
