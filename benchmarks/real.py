@@ -61,8 +61,8 @@ HOME = (47.0, 8.0)
 SHARE = 0.02
 REFUSED = {
     "ArduPilot_77972_regions_11_april_2023.kmz": "293 features with polygons",
-    "ArduPilot_ace97_fence-110.txt": "a fence, and no mission",
-    "ArduPilot_ce1e8_rally-110.txt": "places to rally, and no mission",
+    "ArduPilot_ace97_fence-110.txt": "fences or places to rally, and no mission",
+    "ArduPilot_ce1e8_rally-110.txt": "fences or places to rally, and no mission",
     "CubePilot_e2b1b_OldFileFormat.mission": "fileType: without a value; expected fileType Plan",
     "UCM-237_f748d_MAV08_no_fly_boundaries.kml": "no polygon, only open lines and points",
     "brainstable_8b436_forestbelts.geojson": "no columns of vertices",
@@ -85,8 +85,8 @@ HUNT = (
     ("H5 a capacity that is disproved", "fit bat_capacity_unset.log --battery --cells 4 -o OUT/o.json", 2, "expected --soc"),
     ("H6 DJI", "plan template.kml", 2, "a mission of DJI"),
     ("H6 DJI", "cover template.kml --swath 20", 2, "a mission of DJI"),
-    ("H7 fences alone", "plan fence_only.plan", 2, "a fence, and no mission"),
-    ("H7 fences alone", "plan fence_home.waypoints", 2, "a fence, and no mission"),
+    ("H7 fences alone", "plan fence_only.plan", 2, "fences or places to rally, and no mission"),
+    ("H7 fences alone", "plan fence_home.waypoints", 2, "fences or places to rally, and no mission"),
     ("H8 WPL 120", "plan wpl120.txt", 0, "5 stages"),
     ("H9 longitudes and latitudes", "cover dateline.geojson --swath 20", 0, "28 lines"),
     ("H9 longitudes and latitudes", "cover north.geojson --swath 20", 2, "above 85° nothing is planned"),

@@ -291,7 +291,9 @@ class MissionPlan:
                     self._find(item.locations[2], "ground-speed", message)
             elif item.command in _MOVING:
                 left, here = here, (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
-                altitude = self._altitude_m(item, here, altitude)
+                before_m, altitude = altitude, self._altitude_m(item, here, altitude)
+                if visits and visits[-1].item.command == d.TAKEOFF:  # to the higher altitude of both
+                    up_m = min(up_m, max(before_m or 0.0, altitude or 0.0))
                 change_m = 0.0 if altitude is None else altitude - up_m
                 speed = airspeed or self.motion.airspeed_mps
                 radius_m = abs(self._radius_m(item)) if item.command in _LOITERS else 0.0
@@ -299,7 +301,7 @@ class MissionPlan:
                 # what is left of a climb that begins with the way there
                 left_m = max(abs(change_m) - rate_mps * way_s, 0.0)
                 if item.command == d.TAKEOFF:  # the climb goes on beyond it
-                    up_m = min(up_m + self._rate_mps(1.0) * way_s, math.inf if altitude is None else altitude)
+                    up_m += self._rate_mps(1.0) * way_s
                 else:
                     up_m = 0.0 if altitude is None else altitude - math.copysign(left_m, change_m)
                 if item.command == d.LOITER_TO_ALTITUDE and abs(change_m) > rate_mps * max(way_s - SETTLING_S, 0.0):

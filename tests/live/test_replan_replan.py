@@ -19,7 +19,7 @@ CODES = {
     "frozen position 20 s": {"stale", "stage-unknown"},
     "null charge 60 s": {"stale"},
     "clock + 7,200 s": {"clock"},
-    "clock back 50 s": {"clock"},
+    "clock back 50 s": {"clock", "stage-unknown"},
     "gauge stuck from the start on": {"gauge-stuck"},
 }
 """Warnings of each disturbance."""
