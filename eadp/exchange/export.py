@@ -347,7 +347,7 @@ def _with_pictures(plan: Plan, planned: PlannedLegs) -> PlannedLegs:
     before = plan.stages[: first.stage.index - 1]
     before = (*plan.stages, *before) if first.lap else before
     taken = [each for stage in before for each in stage.commands if each[0] == TRIGGER_DISTANCE]
-    if planned.started == 1 or not taken or not taken[-1][1]:
+    if planned.started == 1 or not taken or not taken[-1][1] or first.stage.command(TRIGGER_DISTANCE):
         return planned
     stage = replace(first.stage, commands=(taken[-1], *first.stage.commands))
     return planned._replace(legs=(first._replace(stage=stage), *planned.legs[1:]))

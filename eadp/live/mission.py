@@ -251,7 +251,7 @@ class RestLayout:
             home_deg=site.origin_deg if held[-1].command == d.RETURN else None,
             trigger_distance_m=self._trigger_distance_m(held),
             airspace=site.airspace,
-            stated_mps=next((mps for mps in self._commanded_mps(held) if mps == self._airspeed_mps), None),
+            stated_mps=self._airspeed_mps if self._airspeed_mps in self._commanded_mps(held) else None,
             flown_mps=(self._commanded_mps(held[:kept]) or [None])[-1],
             calibrated=self._calibrated,
         )
@@ -264,9 +264,13 @@ class RestLayout:
             speed for of_ground, speed, *_ in changes if not of_ground and (speed > 0 or speed == d.DEFAULT_SPEED)
         ]
         cruise_mps, scale = self._airspeed_mps, self._calibrated
-        near = [abs(speed - cruise_mps * scale) < 1e-3 for speed in speeds]
-        true_mps = [speed / scale if speed > 0 else None for speed in speeds]
-        return [cruise_mps if is_cruise else mps for is_cruise, mps in zip(near, true_mps, strict=True)]
+
+        def true_mps(speed: float) -> float | None:
+            if speed < 0:
+                return None
+            return cruise_mps if abs(speed - cruise_mps * scale) < 1e-3 else speed / scale
+
+        return [true_mps(speed) for speed in speeds]
 
     def _trigger_distance_m(self, held: Sequence[MissionItem]) -> float | None:
         """Distance between pictures, for a mission that takes them all the way [m]; None without, or where stages have
