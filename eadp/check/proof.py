@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from eadp.core.expressions import algebra
 from eadp.core.expressions.algebra import SIZE_LIMIT, SymbolicStage
@@ -243,8 +243,24 @@ class StageProof:
     direction: bool | None = None
 
 
-_Placed = tuple[Expression, PointExpression]
-"""A path, and a point in the frame of that path."""
+class PlacedPath(NamedTuple):
+    """A path, and a point in the frame of that path."""
+
+    path: Expression
+    point: PointExpression
+
+    @property
+    def parts(self) -> tuple[Expression, ...]:
+        """All its expressions."""
+        return self.path, *self.point
+
+
+class Meeting(NamedTuple):
+    """A stage's path at its trigger, and the stage after it with its own path there."""
+
+    here: PlacedPath
+    there: PlacedPath
+    after: Stage
 
 
 def prove_plan(plan: Plan) -> tuple[StageProof, ...]:
@@ -261,53 +277,56 @@ def prove_plan(plan: Plan) -> tuple[StageProof, ...]:
 
 def _proof(process: AlgebraProcess, plan: Plan, stage: Stage) -> StageProof:
     try:
-        here, there = _meeting(plan, stage)
-        own = _off_path(process, here)
-        if there is None:
+        here = _in_a_lap(stage)
+        own, meeting = _off_path(process, here), _meeting(plan, stage, here)
+        if meeting is None:
             return StageProof(own)
-        return StageProof(own, _off_path(process, there[0]), _direction(process, stage, here, there))
+        return StageProof(own, _off_path(process, meeting.there), _same_sense(process, stage, meeting))
     except ExpressionError:  # too large, once substituted
         return StageProof()
 
 
-def _meeting(plan: Plan, stage: Stage) -> tuple[_Placed, tuple[_Placed, Stage] | None]:
-    """A stage's path at its trigger, and the next one's there; None where that is no single one in the same lap."""
-    here = _in_a_lap(stage)
+def _meeting(plan: Plan, stage: Stage, here: PlacedPath) -> Meeting | None:
+    """Where a stage meets the next one; None where that is no single one in the same lap."""
     last = stage.index == len(plan.stages)
     after = None if last and not plan.repeats else plan.stages[stage.index % len(plan.stages)]
     if after is None or after.segment is not stage.segment:
-        return here, None
-    path, _ = _in_a_lap(after)
-    x, y = here[1]
+        return None
+    x, y = here.point
     if last and plan.shift is not None:
         x, y = difference(x, plan.shift[0]), difference(y, plan.shift[1])
-    return here, ((path, (x, y)), after)
+    return Meeting(here, PlacedPath(_in_a_lap(after).path, (x, y)), after)
 
 
-def _in_a_lap(stage: Stage) -> _Placed:
+def _in_a_lap(stage: Stage) -> PlacedPath:
     """A stage in any lap: formulas substituted, the variables that change from lap to lap as symbols."""
     formulas = stage.segment.formulas({}) if stage.segment else {}
     if not formulas:
-        return stage.path, stage.trigger
-    return substituted(stage.path, formulas), (
-        substituted(stage.trigger[0], formulas),
-        substituted(stage.trigger[1], formulas),
-    )
+        return PlacedPath(stage.path, stage.trigger)
+    x, y = stage.trigger
+    return PlacedPath(substituted(stage.path, formulas), (substituted(x, formulas), substituted(y, formulas)))
 
 
-def _off_path(process: AlgebraProcess, placed: _Placed) -> str | None:
-    path, (x, y) = placed
-    value = substituted(path, {"x": x, "y": y})
-    if value.size > SIZE_LIMIT or process.spent_s > PROOFS_LIMIT_S:
+def _may_ask(process: AlgebraProcess, *parts: Expression) -> bool:
+    """Whether a question of expressions is within the limits of size and of time."""
+    return sum(part.size for part in parts) <= SIZE_LIMIT and process.spent_s <= PROOFS_LIMIT_S
+
+
+def _off_path(process: AlgebraProcess, placed: PlacedPath) -> str | None:
+    """φ at the point, '0' where it lies on the path; None where that is undecided."""
+    x, y = placed.point
+    value = substituted(placed.path, {"x": x, "y": y})
+    if not _may_ask(process, value):
         return None
     answer: str | None = process.ask("remainder", value.text, _loop_variables(value))
     return answer
 
 
-def _direction(process: AlgebraProcess, stage: Stage, here: _Placed, meeting: tuple[_Placed, Stage]) -> bool | None:
-    there, after = meeting
-    parts = (here[0], *here[1], there[0], *there[1])
-    if sum(part.size for part in parts) > SIZE_LIMIT or process.spent_s > PROOFS_LIMIT_S:
+def _same_sense(process: AlgebraProcess, stage: Stage, meeting: Meeting) -> bool | None:
+    """Whether a stage and the one after it are travelled in one direction where they meet; None: undecided."""
+    here, there, after = meeting
+    parts = (*here.parts, *there.parts)
+    if not _may_ask(process, *parts):
         return None
     ranges = {f"c{i}": (box.lo, box.hi) for i, box in enumerate(stage.sets, 1)}
     names = sorted({name for part in parts for name in _loop_variables(part)})

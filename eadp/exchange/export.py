@@ -99,19 +99,21 @@ class ExportOptions:
         if self.telemetry is not None and (self.scenario is None or self.start is not None):
             raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
         if self.parameters is not None:
-            if Path(self.parameters).suffix not in PARAMETER_FILES:
-                raise _fault("--parameters", self.parameters, "is no file of parameters", "a name in .param or .params")
-            ending = ".params" if to == "px4" else ".param"
-            if to in WITH_ITEMS and Path(self.parameters).suffix != ending:
-                message = f"is no file of parameters for --to {to}"
-                raise _fault("--parameters", self.parameters, message, f"a name in {ending}")
-            if self.scenario is None:
-                raise _fault("--parameters", self.parameters, "needs an aircraft and a battery", "--scenario")
+            self._check_parameters(self.parameters, to)
         for option, value in (("--trigger-distance", self.trigger_distance_m), ("--tolerance", self.tolerance_m)):
             if value is not None:
                 check_range(option, value, 0.01, 10_000, closed=True)
         if self.altitude_m is not None:
             check_range("--altitude", self.altitude_m, -10_000, 10_000, closed=True)
+
+    def _check_parameters(self, file: str, to: str) -> None:
+        """Refuse a file of parameters that is not of the format's autopilot, or that no aircraft is known for."""
+        endings = [".params" if to == PX4 else ".param"] if to in WITH_ITEMS else list(PARAMETER_FILES)
+        if Path(file).suffix not in endings:
+            message = f"is no file of parameters for --to {to}"
+            raise _fault("--parameters", file, message, f"a name in {' or '.join(endings)}")
+        if self.scenario is None:
+            raise _fault("--parameters", file, "needs an aircraft and a battery", "--scenario")
 
 
 def _items_beside(path: PlannedPath, chosen: _Chosen, to: str, autopilot: Autopilot, warn: Warn) -> dict[str, str]:

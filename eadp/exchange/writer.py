@@ -163,6 +163,9 @@ SWITCH_S = 3.4
 """Flight at the airspeed within which PX4 turns to the next waypoint [s], in a wind of half of it: NPFG_SW_DST_MLT
 0.32 · NPFG_DAMPING 0.7 · NPFG_PERIOD 10 s at the ground speed. Flown at 14 m/s: 24 to 34 m; in 7 m/s of wind, 44 m."""
 
+CLEARLY, LONG_WAY = 1.1, 4
+"""Distance that is certainly out of reach, and that from which on a way has room for a waypoint there, by the reach."""
+
 JOINED_M = 5.0
 """Largest gap that a trigger off its path leaves which becomes one waypoint, in its middle [m]."""
 
@@ -221,34 +224,42 @@ class _ItemBuilder:
         PX4 does what follows a waypoint once it turns to the next one, its switching distance before. Pictures that
         begin again nearer than that go on. A long way on has one more waypoint for it, as where none follows.
         """
-        path, off = self.path, self.items.pop(i)
-        reach_m = SWITCH_S * max(path.airspeed_of(each) or path.airspeed_mps for each in self._sections)
-        ends_deg = (item.position_deg for item in reversed(self.items[:i]) if item.placed)
-        end_deg = before_deg = next(ends_deg, path.home)
-        apart_m = 0.0  # from the end to the waypoint before
+        end = self.items.pop(i)
+        reach_m = SWITCH_S * max(self.path.airspeed_of(each) or self.path.airspeed_mps for each in self._sections)
+        line_end_deg = self._place_before(i)
         for j, item in enumerate(self.items[i:], i):
             if item.command == d.TRIGGER_DISTANCE:
                 return
             if item.command in (d.LAND_START, d.LAND):  # a landing is three items that follow one another
-                self.items.insert(j, off._replace(legs=item.legs))
+                self.items.insert(j, end._replace(legs=item.legs))
                 return
-            if not item.placed:
-                continue
-            away_m = math.hypot(*to_local_m(*item.position_deg, end_deg))
+            away_m = math.hypot(*to_local_m(*item.position_deg, line_end_deg)) if item.placed else 0.0
             if away_m > reach_m:
-                if away_m > 4 * reach_m:
-                    share = (apart_m + 1.1 * reach_m) / math.hypot(*to_local_m(*item.position_deg, before_deg))
-                    on_deg = [a + share * (b - a) for a, b in zip(before_deg, item.position_deg, strict=True)]
-                    item = item._replace(command=d.WAYPOINT, parameters=(*(0.0,) * 4, *on_deg, item.altitude_m))
-                    self.items.insert(j, item)
-                self.items.insert(j + 1, off._replace(legs=item.legs))
+                if away_m > LONG_WAY * reach_m:
+                    self.items.insert(j, self._out_of_reach(j, line_end_deg, reach_m))
+                self.items.insert(j + 1, end._replace(legs=item.legs))
                 return
-            before_deg, apart_m = item.position_deg, away_m
         (x, y), course = self._sections[-1].end_m, self._sections[-1].courses_rad[1]
-        beyond = x + 1.1 * reach_m * math.cos(course), y + 1.1 * reach_m * math.sin(course)
-        if not path.airspace.entries((0.0, 0.0), ((x, y), beyond), (-math.inf, -math.inf)):
+        beyond = x + CLEARLY * reach_m * math.cos(course), y + CLEARLY * reach_m * math.sin(course)
+        if not self.path.airspace.entries((0.0, 0.0), ((x, y), beyond), (-math.inf, -math.inf)):
             self._fly_to(beyond)
-        self.items.append(off)
+        self.items.append(end)
+
+    def _place_before(self, j: int) -> tuple[float, float]:
+        """Latitude and longitude of the last item with a place before an index [°], or of home."""
+        places = (item.position_deg for item in reversed(self.items[:j]) if item.placed)
+        return next(places, self.path.home)
+
+    def _out_of_reach(self, j: int, line_end_deg: tuple[float, float], reach_m: float) -> MissionItem:
+        """A waypoint on the way to item `j` that is out of reach of the end of the line, wherever the way leads.
+
+        The item before is within reach of that end: so far again, and clearly farther, is out of it.
+        """
+        item, before_deg = self.items[j], self._place_before(j)
+        apart_m = math.hypot(*to_local_m(*before_deg, line_end_deg))
+        share = (apart_m + CLEARLY * reach_m) / math.hypot(*to_local_m(*item.position_deg, before_deg))
+        on_deg = [a + share * (b - a) for a, b in zip(before_deg, item.position_deg, strict=True)]
+        return item._replace(command=d.WAYPOINT, parameters=(*(0.0,) * 4, *on_deg, item.altitude_m))
 
     def _take_off(self, first: Section) -> None:
         """Add the take-off, and the start of a path that does not take off there itself."""
