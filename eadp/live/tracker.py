@@ -278,25 +278,24 @@ class PlanTracker:
 
         None where the position decides: with a notice where the index cannot be true, and in a plan of one stage.
         """
-        executor = self.executor
-        now, count = executor.stage.index, len(self._mission.plan.stages)
+        now, count = self.executor.stage.index, len(self._mission.plan.stages)
         if reported > count:
             self._messages.once("stage", f"there is no stage {reported}; ignored", f"one of 1 to {count}")
             return None
-        # to the next start of that stage: in the next lap where it is the one flown, or one before it
-        skips = executor.stages_to(reported)
         if reported == now:
-            # only positions distinguish the laps of a plan of one stage
-            return None if skips == 1 else 0
-        # a lap has as many stages as there are to the next start of this one
-        lap_stages = executor.stages_to(now) if reported < now else None
-        # a stage behind: 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is more than half of a lap
-        if skips is None or (lap_stages is not None and 2 * skips > lap_stages):
-            self._messages.once(
-                "stage", f"stage {reported} is before stage {now}, which is flown; ignored", "a stage ahead"
-            )
+            one_stage = self.executor.stages_to(now) == 1  # whose laps only positions distinguish
+            return None if one_stage else 0
+        skips = self.executor.stages_to(reported)
+        if skips is None or (reported < now and self._jumps_back(skips)):
+            what = f"stage {reported} is before stage {now}, which is flown; ignored"
+            self._messages.once("stage", what, "a stage ahead")
             return None
         return skips
+
+    def _jumps_back(self, skips: int) -> bool:
+        """Whether to skip so many stages is more than half of a lap: 4 → 1 of 4 is the next lap, and 3 → 2 is not."""
+        lap = self.executor.stages_to(self.executor.stage.index)  # from a start of this stage to the next one
+        return lap is not None and 2 * skips > lap
 
     def update_end(self, to: Sample, position: Point, step_s: float) -> bool | None:
         """Update `complete` and `end_uncertain` with a sample, `step_s` [s] after the last one.

@@ -63,31 +63,40 @@ def _ulog(path: str, topics: list[str]) -> dict[str, Any]:
     columns = {f"{data.name} {data.multi_id}/{label}": v for data in log.data_list for label, v in data.data.items()}
     stated = [log.initial_parameters[name] for name in CAPACITIES if name in log.initial_parameters]
     columns |= {"parameters/capacity_mah": stated[:1]} if stated else {}
-    return columns | {"notes": ["messages that are damaged left out"] * bool(log.file_corruption)}
+    if log.file_corruption:
+        columns["notes"] = ["messages that are damaged left out"]
+    return columns
 
 
 def _dataflash(form: str, path: str, topics: list[str]) -> dict[str, Any]:
+    """Tables of ArduPilot's messages, binary or as text; where the fields of a topic change, of its longest part."""
     import numpy as np
     from pymavlink import DFReader
 
     binary = form == "dataflash"
     log = (DFReader.DFReader_binary if binary else DFReader.DFReader_text)(path, zero_time_base=True)
-    rows: dict[tuple[str, tuple[str, ...]], array[float]] = {}
-    stated: list[float] = []
+    parts: dict[str, dict[tuple[str, ...], array[float]]] = {}
+    capacities: list[float] = []
     while (message := log.recv_match(type=[*topics, "PARM"], strict=True)) is not None:
-        if message.get_type() == "PARM":
-            stated += [_number(message, "Value")] if getattr(message, "Name", "") in CAPACITIES else []
-            continue
-        fields = tuple(message.get_fieldnames())
-        rows.setdefault((message.get_type(), fields), array("d")).extend(_numbers(message, fields))
-    columns: dict[str, Any] = {"parameters/capacity_mah": stated} if stated else {}
-    # where the fields of a topic change on the way, the longest part is kept
-    for (topic, fields), flat in sorted(rows.items(), key=lambda item: len(item[1])):
+        if message.get_type() != "PARM":
+            fields = tuple(message.get_fieldnames())
+            part = parts.setdefault(message.get_type(), {}).setdefault(fields, array("d"))
+            part.extend(_numbers(message, fields))
+        elif getattr(message, "Name", "") in CAPACITIES:
+            capacities.append(_number(message, "Value"))
+    columns: dict[str, Any] = {"parameters/capacity_mah": capacities} if capacities else {}
+    for topic, by_fields in parts.items():
+        fields, flat = max(by_fields.items(), key=lambda part: len(part[1]))
         table = np.array(flat).reshape(-1, len(fields))
         columns |= {f"{topic}/{field}": table[:, i] for i, field in enumerate(fields)}
-    read = sum(len(log.offsets[number]) * each.len for number, each in log.formats.items()) if binary else log.data_len
-    skipped = log.data_len - read
-    return columns | {"notes": [f"{skipped} bytes that are no message skipped"] * (skipped > 0)}
+    if skipped := _skipped_bytes(log) if binary else 0:
+        columns["notes"] = [f"{skipped} bytes that are no message skipped"]
+    return columns
+
+
+def _skipped_bytes(log: Any) -> int:
+    """Bytes of a binary log that are in none of its messages."""
+    return int(log.data_len - sum(len(log.offsets[number]) * each.len for number, each in log.formats.items()))
 
 
 def _bag(path: str, topics: list[str]) -> dict[str, Any]:

@@ -262,15 +262,23 @@ def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()
 # ── columns ──
 
 
-def _rail(name: str) -> tuple[str, str, bool]:
-    """The rail of a column, its unit, and whether it is surely one of power: `Power VDD_IN`, `POM_5V_IN (mW)`."""
-    if _JOINED_UNIT.search(name):
-        return _JOINED_UNIT.sub("", name).upper(), "w", True
-    found = _HEADING.match(name)
+class _Rail(NamedTuple):
+    """The rail that a column is of, in capitals, its unit or "", and whether it is surely one of power."""
+
+    name: str
+    unit: str
+    sure: bool
+
+
+def _rail(heading: str) -> _Rail:
+    """The rail of a column: `Power VDD_IN`, `POM_5V_IN (mW)`."""
+    if _JOINED_UNIT.search(heading):
+        return _Rail(_JOINED_UNIT.sub("", heading).upper(), "w", True)
+    found = _HEADING.match(heading)
     if not found:
-        return name.upper(), "", False
-    rail, unit = found["rail"].strip().upper(), (found["unit"] or "").lower()
-    return rail, unit, bool(unit or found["power"] or _RAIL.match(rail))
+        return _Rail(heading.upper(), "", False)
+    name, unit = found["rail"].strip().upper(), (found["unit"] or "").lower()
+    return _Rail(name, unit, bool(unit or found["power"] or _RAIL.match(name)))
 
 
 def _usual_unit(rail: str) -> str:
@@ -317,15 +325,20 @@ def _asked(header: Row, asked: Sequence[str]) -> list[PowerColumn]:
     for raw in asked:
         stated = None if raw in header.fields else _STATED_UNIT.match(raw)
         name, unit = (stated[1], stated[2].lower()) if stated else (raw, "")
-        found = [i for i, field in enumerate(header.fields) if field == name]
-        found = found or [i for i, field in enumerate(header.fields) if _rail(field)[0] == name.upper()]
-        if len(found) != 1:
-            message = f"{'several columns' if found else 'no column'} {printable(name, 80)}"
+        places = _places(name, header)
+        if len(places) != 1:
+            message = f"{'several columns' if places else 'no column'} {printable(name, 80)}"
             raise InputError.at("--power", 1, 1, message, f"one of {_names(header)}", raw)
-        parts.append(_with_unit(header, found[0], unit))
+        parts.append(_with_unit(header, places[0], unit))
     if twice := repeated([part.name for part in parts]):
         raise InputError.at("--power", 1, 1, f"{parts[twice[0]].name} stands twice", "each once", asked[twice[0]])
     return parts
+
+
+def _places(name: str, header: Row) -> list[int]:
+    """Places of the columns of a name; where none has it, of those of a rail of that name."""
+    exact = [i for i, field in enumerate(header.fields) if field == name]
+    return exact or [i for i, field in enumerate(header.fields) if _rail(field).name == name.upper()]
 
 
 def _with_unit(header: Row, place: int, unit: str) -> PowerColumn:
@@ -370,7 +383,7 @@ def _ask(header: Row) -> None:
             raise InputError.at(header.file, 1, 1, "is a log of tegrastats without a power", "a log with its rails")
         return
     first = header.fields[like[0]]
-    unit = "" if _rail(first)[1] or _is_rail(first) or _MICROWATTS.match(first) else " [W]"
+    unit = "" if _rail(first).unit or _is_rail(first) or _MICROWATTS.match(first) else " [W]"
     message = f"which column is the power of the computer? These may be: {_names(header, like)}"
     expected = f"--power '{first}{unit}'; more than one --power are added"
     raise InputError(header.fault(like[0], message, expected))

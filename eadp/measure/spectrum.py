@@ -192,31 +192,15 @@ def analyse(
     if len(times) < MIN_SAMPLES:
         raise Infeasible(f"{len(times)} samples are too few to find a period in: {MIN_SAMPLES} are needed")
     samples = _Samples(times - times[0], power - power.mean())
-    searched_s = shortest_s, longest_s = _range_s(samples, period_prior_s)
+    searched_s = _range_s(samples, period_prior_s)
     mean_w, std_w = float(power.mean()), float(power.std(ddof=1))
     if std_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
         return _aperiodic(samples, mean_w, std_w, 0.0, searched_s)
-    frequency_hz, free_order = _located(samples, shortest_s, longest_s)
-    if period_prior_s is None:
-        frequency_hz, free_order = _short(samples, frequency_hz, free_order, shortest_s)
-        shortest_s = min(shortest_s, 1 / frequency_hz)
-    free_r2 = _cv_r2(samples, frequency_hz, free_order)
-    # without a prior the search ends here; near a prior the likelihood may still find a period
-    if free_r2 < MIN_CV_R2 and period_prior_s is None:
-        nothing = _aperiodic(samples, mean_w, std_w, free_r2, searched_s, frequency_hz)
-        return _drifting(samples, mean_w, searched_s) or nothing
-    found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
-    while period_prior_s is None and found.periodic and (multiple := _multiple(samples, found)) > 1:
-        frequency_hz, free_order = _refine(samples, found.frequency_hz * multiple)
-        shortest_s = min(shortest_s, 1 / frequency_hz)
-        shorter = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
-        if shorter.frequency_hz < math.sqrt(multiple) * found.frequency_hz:  # the longer period is the likeliest again
-            break
-        found = shorter
-    inside = shortest_s / RANGE_MARGIN <= 1 / found.frequency_hz <= longest_s * RANGE_MARGIN
-    if not (found.periodic and inside):
+    found = _anywhere(samples, searched_s) if period_prior_s is None else _near_prior(samples, searched_s)
+    if not (found.periodic and found.inside):
         nothing = _aperiodic(samples, mean_w, std_w, found.cv_r2, searched_s, found.frequency_hz, found.chance)
-        return (None if period_prior_s else _drifting(samples, mean_w, searched_s)) or nothing
+        drifting = _drifting(samples, mean_w, searched_s) if period_prior_s is None else None
+        return drifting or nothing
     if order is not None and order > (max_order := _max_order(samples, 1 / found.frequency_hz, order)):
         period = f"a period of {1 / found.frequency_hz:.4g} s"
         what = f"{len(times)} samples every {samples.step_s:.3g} s resolve {period} to order {max_order} at most"
@@ -242,7 +226,14 @@ class _Found(NamedTuple):
     order: int
     cv_r2: float
     chance: float
-    evidence: _Evidence
+    range_s: tuple[float, float]  # of the periods among which noise might look as periodic
+    evidence: _Evidence | None  # none where `cv_r2` rules the period out already
+
+    @property
+    def inside(self) -> bool:
+        """Whether the period lies in its range."""
+        shortest_s, longest_s = self.range_s
+        return shortest_s / RANGE_MARGIN <= 1 / self.frequency_hz <= longest_s * RANGE_MARGIN
 
     @property
     def periodic(self) -> bool:
@@ -250,8 +241,32 @@ class _Found(NamedTuple):
         return known and self.chance <= MAX_CHANCE and self.cv_r2 >= MIN_CV_R2
 
 
-def _assess(samples: _Samples, frequency_hz: float, order: int, shortest_s: float, longest_s: float) -> _Found:
-    """The period in white or coloured noise, and the chance that noise alone looks as periodic."""
+def _near_prior(samples: _Samples, range_s: tuple[float, float]) -> _Found:
+    """The period in the range about a prior: the likelihood may find one where least squares sees little."""
+    return _assess(samples, *_located(samples, *range_s), range_s)
+
+
+def _anywhere(samples: _Samples, range_s: tuple[float, float]) -> _Found:
+    """The period in a range, or a shorter one of which that in the range is a multiple."""
+    shortest_s, longest_s = range_s
+    frequency_hz, order = _short(samples, *_located(samples, *range_s), shortest_s)
+    range_s = min(shortest_s, 1 / frequency_hz), longest_s
+    cv_r2 = _cv_r2(samples, frequency_hz, order)
+    if cv_r2 < MIN_CV_R2:
+        return _Found(frequency_hz, math.inf, order, cv_r2, 1.0, range_s, None)
+    found = _assess(samples, frequency_hz, order, range_s)
+    while found.periodic and (multiple := _multiple(samples, found)) > 1:
+        frequency_hz, order = _refine(samples, found.frequency_hz * multiple)
+        shorter = _assess(samples, frequency_hz, order, (min(found.range_s[0], 1 / frequency_hz), longest_s))
+        if shorter.frequency_hz < math.sqrt(multiple) * found.frequency_hz:  # nearer to the longer one: found again
+            break
+        found = shorter
+    return found
+
+
+def _assess(samples: _Samples, frequency_hz: float, order: int, range_s: tuple[float, float]) -> _Found:
+    """The period in white or coloured noise, and the chance that noise alone looks as periodic in a range."""
+    shortest_s, longest_s = range_s
     bins = _bins(samples, 1 / frequency_hz, order)
     evidence = _evidence(bins, 1 / frequency_hz, order)
     fitted, error = _fit(samples, frequency_hz, order)
@@ -270,7 +285,7 @@ def _assess(samples: _Samples, frequency_hz: float, order: int, shortest_s: floa
             frequency_hz, std_s = peak.frequency_hz, _WIDENED * peak.std_hz / peak.frequency_hz**2
             order = _choose_order(samples, frequency_hz)
             evidence = _evidence(bins, 1 / frequency_hz, order)
-    return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, evidence)
+    return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, range_s, evidence)
 
 
 def _multiple(samples: _Samples, found: _Found) -> int:
@@ -521,7 +536,7 @@ def _drifting(samples: _Samples, mean_w: float, searched_s: tuple[float, float])
             frequency_hz, order, start, stop = _searched(samples, from_s, searched_s[1], bounds)
             part = samples.part(start, stop)
             part = replace(part, power_w=part.power_w - part.power_w.mean())
-            found = _assess(part, frequency_hz, order, from_s, part.span_s / MIN_PERIODS)
+            found = _assess(part, frequency_hz, order, (from_s, part.span_s / MIN_PERIODS))
             if not (found.periodic and found.chance <= _SURE):
                 break
             parts.append((part, found))
@@ -903,6 +918,7 @@ def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> 
 
 def _covariance(samples: _Samples, found: _Found, order: int) -> FloatArray:
     """Covariance of the coefficients in the fitted noise [W²]."""
+    assert found.evidence is not None
     bins = found.evidence.bins
     covariance = bins.coefficient_covariance(design_matrix(bins.times_s, found.frequency_hz, order))
     # the bins may be the middle of the log alone

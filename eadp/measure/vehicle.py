@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -371,37 +371,34 @@ def fit_power(
 
     Source: Anderson 1999, chapters 2, 5 and 6.
     """
-    tables = [times_s, power_w, airspeed_mps, *(each for each in (bank_rad, climb_mps) if each is not None)]
-    known = np.isfinite(np.stack(tables)).all(axis=0) & (airspeed_mps >= MIN_AIRSPEED_MPS)
-    if (count := np.count_nonzero(known)) < MIN_WINDOWS:
-        raise Infeasible(f"{count} readings in flight with an airspeed; {MIN_WINDOWS} or more are needed")
-    t, watts, speed = times_s[known], power_w[known], airspeed_mps[known]
-    bank = np.zeros_like(t) if bank_rad is None else bank_rad[known]
-    climb = np.zeros_like(t) if climb_mps is None else climb_mps[known]
-    window = _Windows(t)
+    log = _in_flight(times_s, power_w, airspeed_mps, bank_rad, climb_mps)
+    window = _Windows(log.times_s)
     if len(window.times_s) < MIN_WINDOWS:
         raise Infeasible(f"{len(window.times_s)} windows of {WINDOW_S:g} s in flight; {MIN_WINDOWS} or more are needed")
-    median_mps = float(np.median(speed))
-    low, high = (float(v) for v in np.percentile(speed, (5, 95)))
-    mean_w, climbing_mps = window.mean(watts), window.mean(climb)
+    median_mps = float(np.median(log.airspeed_mps))
+    low, high = (float(v) for v in np.percentile(log.airspeed_mps, (5, 95)))
+    mean_w, climbing_mps = window.mean(log.power_w), window.mean(log.climb_mps)
     # ḣ + V V̇/g
-    rising_mps = climbing_mps + window.mean(np.gradient(speed**2, t)) / (2 * GRAVITY_MPS2)
+    rising_mps = climbing_mps + window.mean(np.gradient(log.airspeed_mps**2, log.times_s)) / (2 * GRAVITY_MPS2)
     motor_on = (climbing_mps > -MAX_SINK_MPS) & (mean_w > IDLE_SHARE * np.median(mean_w))
-    if np.count_nonzero(motor_on) < MIN_WINDOWS:
-        raise Infeasible(
-            f"{np.count_nonzero(motor_on)} windows with the motor running; {MIN_WINDOWS} or more are needed"
-        )
+    if (running := int(np.count_nonzero(motor_on))) < MIN_WINDOWS:
+        raise Infeasible(f"{running} windows with the motor running; {MIN_WINDOWS} or more are needed")
     notes = []
-    bank_load = window.mean(np.tan(np.clip(bank, -1.4, 1.4)) ** 2 * median_mps / speed)
-    polar = high / low >= MIN_SPREAD
-    if bank_rad is None or np.percentile(np.abs(bank), 95) < MIN_BANK_RAD:
+    turns = np.percentile(np.abs(log.bank_rad), 95) >= MIN_BANK_RAD
+    bank_load = np.zeros_like(mean_w)
+    if turns:
+        bank_load = window.mean(np.tan(np.clip(log.bank_rad, -1.4, 1.4)) ** 2 * median_mps / log.airspeed_mps)
+    else:
         notes.append("the rise with bank: " + ("no bank in the log" if bank_rad is None else "no turns in the log"))
-        bank_load = np.zeros_like(bank_load)
     if climb_mps is None:
         notes.append("the rise with climb: no climb or altitude in the log; it is that of the airspeed's changes")
+    polar = high / low >= MIN_SPREAD
     if not polar:
         notes.append(f"the drag polar: airspeeds from {low:.3g} to {high:.3g} m/s; a ratio of {MIN_SPREAD:g} is needed")
-    columns = {"climb_w_per_mps": rising_mps, **_drag_columns(window, speed / median_mps, bank_load, polar=polar)}
+    columns = {
+        "climb_w_per_mps": rising_mps,
+        **_drag_columns(window, log.airspeed_mps / median_mps, bank_load, polar=polar),
+    }
     fixed = (constant_w or 0.0) if polar else 0.0
     if polar and constant_w is None:
         columns["constant_w"] = np.ones_like(mean_w)
@@ -415,9 +412,9 @@ def fit_power(
     if polar and (coefficients["parasitic_w"] <= 0 or coefficients["induced_w"] <= 0):
         notes.append("the drag polar: the power does not have its form; windows or airspeeds are too few")
 
-    climbs, turns = "the rise with climb [W s/m]", "the rise with tan² of the bank [W]"
-    climb_w = _significant("climb_w_per_mps", climbs, coefficients, stds, notes)
-    bank_w = _significant("induced_w", turns, coefficients, stds, notes) if bank_load.any() else None
+    climb_w = _significant("climb_w_per_mps", "the rise with climb [W s/m]", coefficients, stds, notes)
+    with_bank = "the rise with tan² of the bank [W]"
+    bank_w = _significant("induced_w", with_bank, coefficients, stds, notes) if turns else None
     return PowerFit(
         airspeed_mps=median_mps,
         speeds_mps=(low, high),
@@ -430,10 +427,37 @@ def fit_power(
         stds=stds,
         rms_w=fit.rms,
         correlation_s=fit.correlation_s,
-        windows=int(np.count_nonzero(motor_on)),
-        idle=int(np.count_nonzero(~motor_on)),
+        windows=running,
+        idle=len(motor_on) - running,
         notes=tuple(notes),
     )
+
+
+class _Readings(NamedTuple):
+    """Readings in flight of which all is known, each an array, shape (n,)."""
+
+    times_s: FloatArray
+    power_w: FloatArray
+    airspeed_mps: FloatArray
+    bank_rad: FloatArray
+    climb_mps: FloatArray
+
+
+def _in_flight(
+    times_s: FloatArray,
+    power_w: FloatArray,
+    airspeed_mps: FloatArray,
+    bank_rad: FloatArray | None,
+    climb_mps: FloatArray | None,
+) -> _Readings:
+    """The readings of `fit_power` in flight; without banks or climbs they are level. Raises Infeasible if few."""
+    level = np.zeros_like(times_s)
+    bank, climb = (level if column is None else column for column in (bank_rad, climb_mps))
+    table = np.stack([times_s, power_w, airspeed_mps, bank, climb])
+    table = table[:, np.isfinite(table).all(axis=0) & (airspeed_mps >= MIN_AIRSPEED_MPS)]
+    if table.shape[1] < MIN_WINDOWS:
+        raise Infeasible(f"{table.shape[1]} readings in flight with an airspeed; {MIN_WINDOWS} or more are needed")
+    return _Readings(*table)
 
 
 def _drag_columns(window: _Windows, ratio: FloatArray, bank_load: FloatArray, *, polar: bool) -> dict[str, FloatArray]:

@@ -64,21 +64,25 @@ def draw_left(axes: Axes, left: Sequence[LeftGround]) -> None:
 
 def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
     """Strips of ground covered, lines and turns over them, arrows on the lines, start and end."""
-    pieces = way.pieces
-    arrow = max((piece.length_m for piece in pieces), default=1.0) / 30
-    for line in way.runs:
-        piece = max((leg.piece for leg in line), key=lambda piece: piece.length_m)
-        x, y, heading = piece.pose_at(piece.length_m / 2)
-        draw_arrow(axes, (x, y), (x + arrow * math.cos(heading), y + arrow * math.sin(heading)), COLOURS[0])
     for leg in way.legs:
-        if not leg.sensing:
+        if leg.sensing:
+            label = f"ground covered, {swath_m:g} m wide"
+            axes.fill(*ground_of(leg, swath_m), color=COLOURS[0], alpha=0.13, linewidth=0, zorder=2, label=label)
+            axes.plot(*line_of(leg), color=COLOURS[0], linewidth=1.3, label="line", zorder=3)
+        else:
             axes.plot(*line_of(leg), color=COLOURS[1], linewidth=1.0, label="turn", zorder=3)
-            continue
-        label = f"ground covered, {swath_m:g} m wide"
-        axes.fill(*ground_of(leg, swath_m), color=COLOURS[0], alpha=0.13, linewidth=0, zorder=2, label=label)
-        axes.plot(*line_of(leg), color=COLOURS[0], linewidth=1.3, label="line", zorder=3)
-    axes.plot(*pieces[0].start[:2], **START)
-    axes.plot(*pieces[-1].end[:2], "s", color="black", markersize=5, zorder=4, label="end")
+    _draw_arrows(axes, way)
+    axes.plot(*way.pieces[0].start[:2], **START)
+    axes.plot(*way.pieces[-1].end[:2], "s", color="black", markersize=5, zorder=4, label="end")
+
+
+def _draw_arrows(axes: Axes, way: CoveragePath) -> None:
+    """An arrow in the middle of the longest piece of each run of lines, all of one length."""
+    arrow_m = max(piece.length_m for piece in way.pieces) / 30
+    for run in way.runs:
+        longest = max((leg.piece for leg in run), key=lambda piece: piece.length_m)
+        x, y, heading = longest.pose_at(longest.length_m / 2)
+        draw_arrow(axes, (x, y), (x + arrow_m * math.cos(heading), y + arrow_m * math.sin(heading)), COLOURS[0])
 
 
 def line_of(leg: CoverageLeg) -> list[tuple[float, ...]]:

@@ -472,16 +472,19 @@ def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
 
 def _check_titles(document: Document, keys: SweepKeys, titles: Set[str]) -> None:
     """Refuse varied keys that are neither a scenario's, nor c1, c2, …, nor the title of a parameter of any plan."""
-    known = [*sorted(filter(None, titles)), *ScenarioFile.__dataclass_fields__]
+    known = [*sorted(titles), *ScenarioFile.__dataclass_fields__]
     refuse(
         [
             document.fault(location, f"unknown key {name}", one_of(known, name))
             for name, location, *_ in _varied_keys(keys)
-            if full_key(name) == f"parameters.{name}"
-            and name not in {*titles, *FILES}
-            and not re.fullmatch("c[0-9]+", name)
+            if not (_is_of_a_scenario(name) or name in titles or re.fullmatch("c[0-9]+", name))
         ]
     )
+
+
+def _is_of_a_scenario(name: str) -> bool:
+    """Whether a varied key is one of a scenario or a file, and not the bare name of a parameter."""
+    return name in FILES or full_key(name) != f"parameters.{name}"
 
 
 def _read_all(
@@ -496,7 +499,7 @@ def _read_all(
             if kind != "energy":
                 read = content[0]
                 named |= {item.title for item in read.parameters} if kind == "plan" else set(read.names)
-    _check_titles(document, keys, named)
+    _check_titles(document, keys, named - {""})
     try:
         return load_run(sweep.kept, sweep.run(0)).warnings
     except InputError:

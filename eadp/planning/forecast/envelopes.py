@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -178,7 +179,7 @@ class Envelopes:
         key = (sets, path, tuple(weights[self._rho :].tolist()), tuple(map(id, trade_offs)))
         number = self._numbers.setdefault(key, len(self._groups))
         if number == len(self._groups):
-            configurations, powers_w = self._listed(stage.sets, own, trade_offs)
+            configurations, powers_w = self._by_power(stage.sets, own, trade_offs)
             values = self._values(configurations, stage.sets, weights)
             self._groups.append(_Group(configurations, powers_w, values))
         return number
@@ -194,37 +195,39 @@ class Envelopes:
                 values += weight * (column - box.lo) / (box.hi - box.lo)
         return values
 
-    def _listed(
+    def _by_power(
         self, sets: Sequence[Box], own: Vector, trade_offs: Sequence[TradeOff]
     ) -> tuple[FloatArray, FloatArray]:
-        """Configurations of a stage within the trade-offs, and their powers [W], in ascending order of power."""
-        rho, names, computing = self._rho, self._mission.plan.names, self._mission.computing
-        levels = thinned(
-            [
-                allowed_levels(self._settings, self._mission, rho + k, box, measured=True)
-                for k, box in enumerate(sets[rho:])
-            ],
-            MAX_CONFIGURATIONS,
-        )
+        """Configurations of a stage within the trade-offs, and their powers [W], in ascending order of power.
+
+        Of levels of each computation, with at most `MAX_CONFIGURATIONS` combinations; the lowest levels alone where no
+        configuration is within the trade-offs, as where nothing is feasible.
+        """
+        path, computing = own[: self._rho], self._mission.computing
+        levels = [
+            allowed_levels(self._settings, self._mission, i, box, measured=True)
+            for i, box in enumerate(sets[self._rho :], self._rho)
+        ]
+        levels = thinned(levels, MAX_CONFIGURATIONS)
         configurations, powers_w = [], []
         for configuration in itertools.islice(itertools.product(*levels), MAX_CONFIGURATIONS):
-            values = (*own[:rho], *configuration)
-            named = list(zip(names, values, strict=True))
-            # R c < r
-            if any(
-                sum(row.coefficients.get(name, 0.0) * value for name, value in named) < row.at_least - 1e-9
-                for row in trade_offs
-            ):
+            parameters = (*path, *configuration)
+            if not self._within(trade_offs, parameters):
                 continue
-            try:
-                powers_w.append(computing.power_w(values, sets))
-            except Infeasible:
-                continue
-            configurations.append(configuration)
-        # no configuration satisfies the trade-offs: the lowest levels, as where nothing is feasible
+            with suppress(Infeasible):
+                powers_w.append(computing.power_w(parameters, sets))
+                configurations.append(configuration)
         if not configurations:
-            configurations = [tuple(values[0] for values in levels)]
-            powers_w = [computing.power_w((*own[:rho], *configurations[0]), sets)]
+            configurations = [tuple(low for low, *_ in levels)]
+            powers_w = [computing.power_w((*path, *configurations[0]), sets)]
         order = np.argsort(powers_w, kind="stable")
         shape = len(configurations), len(levels)  # where there are no computations, too
         return np.array(configurations, dtype=float).reshape(shape)[order], np.array(powers_w)[order]
+
+    def _within(self, trade_offs: Sequence[TradeOff], parameters: Vector) -> bool:
+        """Whether parameters keep to the trade-offs: R c ≥ r."""
+        named = list(zip(self._mission.plan.names, parameters, strict=True))
+        return all(
+            sum(row.coefficients.get(name, 0.0) * value for name, value in named) >= row.at_least - 1e-9
+            for row in trade_offs
+        )

@@ -120,6 +120,13 @@ class Candidate(NamedTuple):
         return float(self.evaluation.knapsack.available[0] - self.solution.filling.use[0])
 
 
+class LastSearch(NamedTuple):
+    """Value, and charge left over, of the plan that the last search has found."""
+
+    value: float
+    left_over: float
+
+
 class ComputationChoice(NamedTuple):
     """Computations to fly with now, for how long [s], and whether their power falls."""
 
@@ -145,18 +152,16 @@ class JointPlanner(Planner):
         self._program = ComputationProgram(self.report)
         self._policy = Policy(own.min_gain)
         self._next_s = WARM_UP_S + own.start_after_s
-        # value, and charge left over, of the plan that the last search has found
-        self._searched: tuple[float, float] | None = None
+        self._last_search: LastSearch | None = None
         self._infeasible_since_s: float | None = None
-        self._losses = 0  # of charge, as of the last re-planning
+        self._losses_answered = 0
         self._stages_started = 1  # as of the last update
         self._next_reading_s = math.inf  # of the reading that decides whether the charge has jumped [s]
         self._home_reached_s = 0.0  # when home could be reached last [s]
-        self._by_stage = any(row.stages for row in own.trade_offs)
         # whether the airspeed is decided now; in a live flight where what is commanded is known to be flown
-        self._paced = self._decides_airspeed and not mission.live
-        # re-planned every `planner.every_s`: where forecasts are shown live, and where a turn home depends on them
-        self._often = mission.live or (mission.way_home is not None and mission.way_home.turns_back)
+        self._airspeed_open = self._decides_airspeed and not mission.live
+        # where forecasts are shown live, and where a turn home depends on them
+        self._replans_each_period = mission.live or (mission.way_home is not None and mission.way_home.turns_back)
 
     @classmethod
     def preflight(
@@ -189,7 +194,7 @@ class JointPlanner(Planner):
     @property
     def _searchable(self) -> bool:
         """Whether there is a path or an airspeed to search."""
-        return bool(self._places.open) or self._paced
+        return bool(self._places.open) or self._airspeed_open
 
     @property
     def next_update_s(self) -> float:
@@ -202,23 +207,31 @@ class JointPlanner(Planner):
         if self._decision.returns_home:
             return self._decision
         if self.mission.live and self._decides_airspeed:
-            self._paced = state.flies_commanded
-        entered, self._stages_started = o.stages_started != self._stages_started, o.stages_started
-        due = o.time_s >= self._next_s - 1e-9
-        # a new stage counts where the path can change at it, where trade-offs differ by stage, and in a live flight
-        entered &= self.mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
-        jumped = state.losses > self._losses
+            self._airspeed_open = state.flies_commanded
+        due, entered = o.time_s >= self._next_s - 1e-9, self._enters_stage(o)
+        jumped = state.losses > self._losses_answered
         self._next_reading_s = state.jump_decided_s(o.soc)
         # a loss of charge is answered before `start_after_s`, too
         starts_s = max(state.reached_s + WARM_UP_S, WARM_UP_S + (0.0 if jumped else self.own.start_after_s))
         if o.time_s < starts_s - 1e-9:
             self._next_s = starts_s
         elif jumped or entered or due:
-            self._losses = state.losses
-            interval_s = 0.0 if self._often else self.own.max_interval_s
+            self._losses_answered = state.losses
+            interval_s = 0.0 if self._replans_each_period else self.own.max_interval_s
             self._next_s = max(next_multiple(o.time_s, self.settings.every_s), o.time_s + interval_s)
             self._replan(o, state.known(o.time_s, o.position_m), JUMPED if jumped else NEW_STAGE if entered else TIME)
         return self._decision
+
+    def _enters_stage(self, o: Observation) -> bool:
+        """Whether a stage has started since the last update at which the decision may change.
+
+        It may where the path can change at it, where trade-offs differ by stage, and in a live flight.
+        """
+        started, self._stages_started = o.stages_started != self._stages_started, o.stages_started
+        if not started:
+            return False
+        by_stage = any(row.stages for row in self.own.trade_offs)
+        return self.mission.live or by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
 
     def hold(self, held: Mapping[int, float]) -> None:
         """Take the parameters, by index, that stay at a value from now on; re-plan at the next update.
@@ -231,7 +244,7 @@ class JointPlanner(Planner):
         chosen = tuple([held.get(i, value) for i, value in enumerate(self._decision.parameters)])
         self._places = Places(self._evaluator(settings), chosen, [i for i in held if i < rho])
         self._decision = self._decision._replace(parameters=chosen)
-        self._next_s, self._searched = WARM_UP_S + self.own.start_after_s, None
+        self._next_s, self._last_search = WARM_UP_S + self.own.start_after_s, None
 
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
         """Forecast the plan in force, search the path where it is to be searched, and decide."""
@@ -241,7 +254,7 @@ class JointPlanner(Planner):
         search = self._searchable and self._must_search(o, plan, cause)
         found = self._search_plan(known, plan) if search else plan
         if search and found is not None:
-            self._searched = found.solution.value, found.left_over
+            self._last_search = LastSearch(found.solution.value, found.left_over)
         if found is None:
             report.infeasible += 1
             why = f"{TOO_WINDY}: the rest of the plan cannot be flown in this wind"
@@ -255,7 +268,7 @@ class JointPlanner(Planner):
     def _kept_plan(self, known: Known) -> Candidate | None:
         """The plan at the place and the pace in force; None where it cannot be flown."""
         shares, pace_mps = self._places.shares, self._places.pace_mps
-        if not self._paced:
+        if not self._airspeed_open:
             return self._plan(known, shares)
         if pace_mps is None:
             return self._decide_pace(known, shares)
@@ -274,7 +287,7 @@ class JointPlanner(Planner):
         The path is searched at the pace that leaves the most charge, as the fastest that allows its value is found for
         it. The plan in force, `kept`, is returned where another gains little.
         """
-        if not self._paced:
+        if not self._airspeed_open:
             return self._search_path(known, kept)
         shares = self._places.shares
         least = kept and kept.at_thriftiest
@@ -291,7 +304,7 @@ class JointPlanner(Planner):
 
         Not in the forecast before take-off, which is of what can be promised.
         """
-        if not 0 < known.time_s < EARLY_S or self._losses > 0 or found.shares == least.shares:
+        if not 0 < known.time_s < EARLY_S or self._losses_answered > 0 or found.shares == least.shares:
             return False
         later = fill_greedy(least.evaluation.later)
         return bool(later.feasible[0]) and float(later.value[0]) > found.solution.value
@@ -361,18 +374,22 @@ class JointPlanner(Planner):
         another path may cost less. Not near the end, and not while the power of the motion may have changed for good:
         its next windows decide on that. `kept` is the plan in force.
         """
-        if kept is None or self._searched is None or cause == JUMPED or o.time_s >= self._policy.awaits_s:
+        if kept is None or self._last_search is None or cause == JUMPED or o.time_s >= self._policy.awaits_s:
             return True
         if kept.evaluation.totals.seconds[0] < LAST_CHANGE_S:
             return False
-        value, left_over = self._searched
+        value, left_over = self._last_search
         changed = max(abs(kept.solution.value - value), abs(kept.left_over - left_over)) > self._policy.path_gain
         if not kept.solution.feasible:
             newly = self._infeasible_since_s is None
             return newly or (o.cursor.accepts_changes() and (changed or cause == NEW_STAGE))
         if self._is_free(o) and self._computations(o, kept).falls:
             return True
-        return changed and (self._paced or o.cursor.accepts_changes()) and not kept.evaluation.known.motion.in_doubt
+        return (
+            changed
+            and (self._airspeed_open or o.cursor.accepts_changes())
+            and not kept.evaluation.known.motion.in_doubt
+        )
 
     # --- decisions
 
