@@ -59,6 +59,36 @@ class _Visit(NamedTuple):
     commands: tuple[tuple[float, ...], ...]
 
 
+@dataclass
+class _Climb:
+    """The aircraft's height along a mission, as its climbs and descents take time.
+
+    `rates_mps` are those of climb and of descent [m/s], and `up_m` is the height that it has by now [m].
+    """
+
+    rates_mps: tuple[float, float]
+    up_m: float = 0.0
+
+    def fly_to(self, item: DraftItem, altitude_m: float | None, way_s: float, turn_s: float) -> float:
+        """Climb on the way to an item; return the climb that its circle has to make [m], below 0 of a descent.
+
+        `way_s` is the time of the way, and `turn_s` that of a turn of its circle [s].
+        """
+        if item.command == d.TAKEOFF:  # which goes on beyond its altitude
+            self.up_m += self.rates_mps[0] * way_s
+            return 0.0
+        if altitude_m is None:
+            self.up_m = 0.0
+            return 0.0
+        change_m = altitude_m - self.up_m
+        rate_mps = self.rates_mps[change_m <= 0]
+        left_m = max(abs(change_m) - rate_mps * way_s, 0.0)
+        self.up_m = altitude_m if item.command in _LOITERS else altitude_m - math.copysign(left_m, change_m)
+        if item.command == d.LOITER_TO_ALTITUDE and abs(change_m) > rate_mps * max(way_s - SETTLING_S, 0.0):
+            left_m = max(left_m, rate_mps * turn_s)  # one that is not over as the circle begins takes a turn
+        return math.copysign(left_m, change_m)
+
+
 def _is_placed(item: DraftItem) -> bool:
     """Whether an item has a position, and not that of the aircraft."""
     latitude, longitude = item.parameters[4:6]
@@ -262,12 +292,13 @@ class MissionPlan:
         if item.command == d.LOITER_TIME:
             return item.parameters[0] * speed / round_m
         if item.command == d.LOITER_TO_ALTITUDE:
-            return abs(climb_m) / self._rate_mps(climb_m) * speed / round_m
+            return abs(climb_m) / self._climb_rates_mps[climb_m <= 0] * speed / round_m
         return 1.0
 
-    def _rate_mps(self, climb_m: float) -> float:
-        """The rate of a climb, or of a descent where it is below 0, at which circles are planned [m/s]."""
-        return RATE_SHARE * (self.motion.climb_rate_mps if climb_m > 0 else self.motion.descent_rate_mps)
+    @property
+    def _climb_rates_mps(self) -> tuple[float, float]:
+        """The rates of climb and of descent at which ways and circles are planned [m/s]."""
+        return RATE_SHARE * self.motion.climb_rate_mps, RATE_SHARE * self.motion.descent_rate_mps
 
     def _visits(self, order: list[int]) -> list[_Visit]:
         """The targets of the items in order, with altitude, airspeed and commands on the way to them."""
@@ -276,40 +307,20 @@ class MissionPlan:
         altitude: float | None = None
         airspeed: float | None = None
         here: Point = (0.0, 0.0)
-        up_m = 0.0  # height that the aircraft has by then
+        climb = _Climb(self._climb_rates_mps)
         for index in order:
             item = self.draft.items[index]
             if item.command == d.CHANGE_SPEED and item.parameters[0] in (0, 1):
-                if item.parameters[1] == d.DEFAULT_SPEED:
-                    airspeed = None
-                elif item.parameters[1] > 0:
-                    airspeed = item.parameters[1]
-                    if item.parameters[0] == 0:  # of the air: calibrated
-                        airspeed = round(airspeed / self._calibrated, 6)
-                if item.parameters[0] == 1:
-                    message = f"{item.label}: a ground speed, taken as an airspeed"
-                    self._find(item.locations[2], "ground-speed", message)
+                airspeed = self._commanded_mps(item, airspeed)
             elif item.command in _MOVING:
                 left, here = here, (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
                 before_m, altitude = altitude, self._altitude_m(item, here, altitude)
                 if visits and visits[-1].item.command == d.TAKEOFF:  # to the higher altitude of both
-                    up_m = min(up_m, max(before_m or 0.0, altitude or 0.0))
-                change_m = 0.0 if altitude is None else altitude - up_m
+                    climb.up_m = min(climb.up_m, max(before_m or 0.0, altitude or 0.0))
                 speed = airspeed or self.motion.airspeed_mps
                 radius_m = abs(self._radius_m(item)) if item.command in _LOITERS else 0.0
-                rate_mps, way_s = self._rate_mps(change_m), max(math.dist(left, here) - radius_m, 0.0) / speed
-                # what is left of a climb that begins with the way there
-                left_m = max(abs(change_m) - rate_mps * way_s, 0.0)
-                if item.command == d.TAKEOFF:  # the climb goes on beyond it
-                    up_m += self._rate_mps(1.0) * way_s
-                else:
-                    up_m = 0.0 if altitude is None else altitude - math.copysign(left_m, change_m)
-                if item.command == d.LOITER_TO_ALTITUDE and abs(change_m) > rate_mps * max(way_s - SETTLING_S, 0.0):
-                    # a climb that is not over as the circle begins takes a turn
-                    left_m = max(left_m, rate_mps * 2 * math.pi * radius_m / speed)
-                climb_m = math.copysign(left_m, change_m)
-                if item.command in _LOITERS and altitude is not None:
-                    up_m = altitude
+                way_s, turn_s = max(math.dist(left, here) - radius_m, 0.0) / speed, 2 * math.pi * radius_m / speed
+                climb_m = climb.fly_to(item, altitude, way_s, turn_s)
                 target = self._target(index, item, here, airspeed, climb_m)
                 if item.command == d.TAKEOFF and not visits:
                     commands.append((*_without_place(item)[:-1], altitude or 0.0))
@@ -323,6 +334,18 @@ class MissionPlan:
         if commands and visits:
             visits[-1] = visits[-1]._replace(commands=(*visits[-1].commands, *commands))
         return visits
+
+    def _commanded_mps(self, item: DraftItem, before: float | None) -> float | None:
+        """The true airspeed after a change of speed [m/s], None for the aircraft's own; `before` is that before it."""
+        of_ground, speed = item.parameters[0] == 1, item.parameters[1]
+        if of_ground:
+            message = f"{item.label}: a ground speed, taken as an airspeed"
+            self._find(item.locations[2], "ground-speed", message)
+        if speed == d.DEFAULT_SPEED:
+            return None
+        if not speed > 0:
+            return before
+        return speed if of_ground else round(speed / self._calibrated, 6)
 
     @cached_property
     def _ground_m(self) -> dict[Point, float]:
