@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from eadp.check.proof import StageProof, prove_plan
+from eadp.check.proof import ON_PATH, StageProof, prove_plan
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.core.geometry.geodesy import compass_deg
@@ -81,7 +81,7 @@ class GeometryReport(CheckReport):
             for stage, proof in zip(plan.stages, self.proofs, strict=True):
                 if attribute != "own" and stage is plan.stages[-1] and not plan.repeats:
                     continue
-                how = proven if getattr(proof, attribute) in ("0", True) else "at the places tried"
+                how = proven if getattr(proof, attribute) in (ON_PATH, True) else "at the places tried"
                 found["not" if stage.index in off else how if free else "holds"].append(stage.index)
             parts = [f"{how} in {_numbered(stages)}" for how, stages in found.items() if stages]
             lines += [f"{title:<20} {'; '.join(parts)}"] if parts else []
@@ -103,8 +103,9 @@ def _numbered(stages: Sequence[int]) -> str:
 
 @dataclass
 class _Measures:
-    """What is measured of a stage at given parameters, between the stages before and after; infinite: not at all."""
+    """What is measured of a stage at parameters, between the stages before and after; infinite: not at all."""
 
+    parameters: Vector
     own_m: float = -math.inf
     next_m: float = -math.inf
     turn_deg: float = -math.inf
@@ -141,10 +142,9 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequenc
         sampled = _measured_flights(plan)
     else:
         sampled = [
-            (stage, [(point, _measure(plan, stage, point)) for point in _points(_boxes(plan, stage))])
-            for stage in plan.stages
+            (stage, [_measure(plan, stage, point) for point in _points(_boxes(plan, stage))]) for stage in plan.stages
         ]
-    troubled = any(measures.trouble for _, measured in sampled for _, measures in measured)
+    troubled = any(each.trouble for _, measured in sampled for each in measured)
     for stage, measured in sampled:
         if troubled and not measured:  # no flight came so far
             witness.append(None)
@@ -218,7 +218,7 @@ def _points(boxes: Sequence[Box]) -> list[Vector]:
 # --- what is measured -------------------------------------------------------------------------------------------------
 
 
-def _measured_flights(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
+def _measured_flights(plan: Plan) -> list[tuple[Stage, list[_Measures]]]:
     """Every stage of a plan of segments on flights with fixed parameters, and with ones that keep changing.
 
     The parameters of a flight that changes are drawn anew at every stage, at the ends of their sets half of the time.
@@ -226,7 +226,7 @@ def _measured_flights(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measu
     rho = plan.path_count
     fixed = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
     boxes = [plan.hull(i) if plan.has_sets else Box(0.0, 0.0) for i in range(rho)]
-    measured: dict[int, list[tuple[Vector, _Measures]]] = {stage.index: [] for stage in plan.stages}
+    measured: dict[int, list[_Measures]] = {stage.index: [] for stage in plan.stages}
     rng = np.random.default_rng(0)
 
     def drawn() -> Vector:
@@ -248,7 +248,7 @@ def _measure_flight(
     plan: Plan,
     parameters: Vector,
     changed: Callable[[], Vector] | None,
-    measured: dict[int, list[tuple[Vector, _Measures]]],
+    measured: dict[int, list[_Measures]],
 ) -> bool:
     """Measure every stage of a flight through a plan of segments; return whether it reaches the end."""
     before: Stage | None = None
@@ -261,13 +261,13 @@ def _measure_flight(
             index = stage.index
             cursor = (here if changed is None else here.decide(changed())).next()
             path, trigger = here.path(), here.trigger_m()
-            measures = _measure_stage(stage, path, trigger, before, join)
+            measures = _measure_stage(here.parameters, stage, path, trigger, before, join)
             if cursor is not None and not measures.trouble:
                 _measure_joint(measures, stage, path, trigger, cursor.stage, trigger, cursor.path)
-            measured[index].append((here.parameters, measures))
+            measured[index].append(measures)
             before, join = stage, trigger
     except PathUndefined as error:
-        measured[index].append((parameters, _Measures(trouble=str(error))))
+        measured[index].append(_Measures(parameters, trouble=str(error)))
         return False
     return True
 
@@ -282,8 +282,8 @@ def _measure(plan: Plan, stage: Stage, parameters: Vector) -> _Measures:
         if join is not None and stage.index == 1:
             join = (join[0] - dx, join[1] - dy)
     except PathUndefined as error:
-        return _Measures(trouble=str(error), before=before, after=after)
-    measures = _measure_stage(stage, path, trigger, before, join)
+        return _Measures(parameters, trouble=str(error), before=before, after=after)
+    measures = _measure_stage(parameters, stage, path, trigger, before, join)
     measures.after = after
     if after is not None and not measures.trouble:
         here = (trigger[0] - dx, trigger[1] - dy) if stage.index == len(plan.stages) else trigger
@@ -292,10 +292,10 @@ def _measure(plan: Plan, stage: Stage, parameters: Vector) -> _Measures:
 
 
 def _measure_stage(
-    stage: Stage, path: PathFunction, trigger: Point, before: Stage | None, join: Point | None
+    parameters: Vector, stage: Stage, path: PathFunction, trigger: Point, before: Stage | None, join: Point | None
 ) -> _Measures:
     """A stage by itself, and how its trigger lies from where it is joined."""
-    measures = _Measures(before=before)
+    measures = _Measures(parameters, before=before)
     try:
         track = stage.track(path, trigger)
         measures.foot_m = track.nearest(trigger)
@@ -339,7 +339,7 @@ def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
 
 
 def _stage_findings(
-    plan: Plan, stage: Stage, measured: list[tuple[Vector, _Measures]], least: float | None, proof: StageProof
+    plan: Plan, stage: Stage, measured: list[_Measures], least: float | None, proof: StageProof
 ) -> Iterator[Finding]:
     limit = plan.radius_m(stage)
     if stage.gain == 0:
@@ -350,57 +350,52 @@ def _stage_findings(
         yield Finding(WARNING, stage.index, stage.line, "never-flown", message, proven=False)
         return
 
-    def finding(severity: str, code: str, message: str, parameters: Vector, formula: str = "") -> Finding:
-        proven = bool(formula) or (code == "direction" and proof.direction is False)
-        message += _at(plan, parameters)
+    def finding(
+        severity: str, code: str, message: str, at: _Measures, formula: str = "", *, proven: bool = False
+    ) -> Finding:
+        message += _at(plan, at.parameters)
         return Finding(severity, stage.index, stage.line, code, message, formula=formula, proven=proven)
 
-    troubles = [item for item in measured if item[1].trouble]
-    if troubles:
-        parameters, measures = troubles[0]
-        yield finding(ERROR, "no-path", f"stage {stage.index} cannot be flown: {measures.trouble}", parameters)
-    fine = [item for item in measured if not item[1].trouble] or measured
-    for code, what, name, formula in (
-        ("trigger-off-path", "its path", "own_m", proof.own),
-        ("trigger-off-next", "the path of the next stage", "next_m", proof.next),
-    ):
-        parameters, measures = max(fine, key=lambda item: getattr(item[1], name))
-        gap = getattr(measures, name)
-        if gap > POSITION_WARNING_M:
-            severity = ERROR if gap > limit else WARNING
-            x, y = measures.foot_m
-            right = f"; its path passes ({x:.6g}, {y:.6g})" if code.endswith("path") else ""
-            formula = formula if formula != "0" else None
-            where = f", where φ = {printable(formula)}" if formula else ""
-            message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{where}{right}"
-            yield finding(severity, code, message, parameters, formula or "")
-    parameters, measures = max(fine, key=lambda item: item[1].turn_deg)
-    if measures.turn_deg > DIRECTION_WARNING_DEG and measures.after is not None:
-        severity = ERROR if measures.turn_deg > DIRECTION_ERROR_DEG else WARNING
-        here, there = measures.headings_deg
+    def trigger_off(code: str, at: _Measures, gap_m: float, what: str, formula: str, right: str = "") -> Finding:
+        where = f", where φ = {printable(formula)}" if formula else ""
+        message = f"the trigger of stage {stage.index} lies {gap_m:.2f} m off {what}{where}{right}"
+        severity = ERROR if gap_m > limit else WARNING
+        return finding(severity, code, message, at, formula, proven=bool(formula))
+
+    trouble = next((each for each in measured if each.trouble), None)
+    if trouble is not None:
+        yield finding(ERROR, "no-path", f"stage {stage.index} cannot be flown: {trouble.trouble}", trouble)
+    fine = [each for each in measured if not each.trouble] or measured
+    worst = max(fine, key=lambda each: each.own_m)
+    if worst.own_m > POSITION_WARNING_M:
+        right = "; its path passes ({:.6g}, {:.6g})".format(*worst.foot_m)
+        yield trigger_off("trigger-off-path", worst, worst.own_m, "its path", proof.own_gap, right)
+    worst = max(fine, key=lambda each: each.next_m)
+    if worst.next_m > POSITION_WARNING_M:
+        yield trigger_off("trigger-off-next", worst, worst.next_m, "the path of the next stage", proof.next_gap)
+    worst = max(fine, key=lambda each: each.turn_deg)
+    if worst.turn_deg > DIRECTION_WARNING_DEG and worst.after is not None:
+        severity = ERROR if worst.turn_deg > DIRECTION_ERROR_DEG else WARNING
+        here, there = worst.headings_deg
         message = (
-            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {measures.after.index} starts "
-            f"heading {there:.1f}°: {measures.turn_deg:.1f}° apart"
+            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {worst.after.index} starts "
+            f"heading {there:.1f}°: {worst.turn_deg:.1f}° apart"
         )
-        yield finding(severity, "direction", message, parameters)
-    parameters, measures = min(fine, key=lambda item: item[1].radius_m)
-    if least is not None and measures.radius_m < least - RADIUS_TOLERANCE_M:
+        yield finding(severity, "direction", message, worst, proven=proof.direction is False)
+    worst = min(fine, key=lambda each: each.radius_m)
+    if least is not None and worst.radius_m < least - RADIUS_TOLERANCE_M:
         message = (
-            f"stage {stage.index} turns with a radius of {measures.radius_m:.2f} m, {least - measures.radius_m:.2f} m "
+            f"stage {stage.index} turns with a radius of {worst.radius_m:.2f} m, {least - worst.radius_m:.2f} m "
             f"less than the aircraft's {least:g} m"
         )
-        yield finding(ERROR, "radius", message, parameters)
-    yield from _order_findings(stage, fine, limit, finding)
+        yield finding(ERROR, "radius", message, worst)
+    yield from _order_findings(stage, min(fine, key=lambda each: each.ahead_m), limit, finding)
 
 
 def _order_findings(
-    stage: Stage,
-    measured: list[tuple[Vector, _Measures]],
-    limit: float,
-    finding: Callable[[str, str, str, Vector], Finding],
+    stage: Stage, measures: _Measures, limit: float, finding: Callable[[str, str, str, _Measures], Finding]
 ) -> Iterator[Finding]:
     """Triggers follow one another in the direction flown."""
-    parameters, measures = min(measured, key=lambda item: item[1].ahead_m)
     if measures.before is None:
         return
     if measures.ahead_m < 0:
@@ -409,13 +404,13 @@ def _order_findings(
             f"the trigger of stage {stage.index} lies {how} where stage {measures.before.index} leads to it, in the "
             f"direction flown: the other rotation, or another trigger"
         )
-        yield finding(ERROR, "behind", message, parameters)
+        yield finding(ERROR, "behind", message, measures)
     elif measures.ahead_m < limit and measures.ahead_m < math.inf:
         message = (
             f"stage {stage.index} is {measures.ahead_m:.2f} m long, shorter than the trigger radius of {limit:g} m: "
             f"it may end as it starts"
         )
-        yield finding(WARNING, "short-stage", message, parameters)
+        yield finding(WARNING, "short-stage", message, measures)
 
 
 def _at(plan: Plan, parameters: Vector) -> str:
@@ -424,11 +419,10 @@ def _at(plan: Plan, parameters: Vector) -> str:
     return f" (at {', '.join(named)})" if named else ""
 
 
-def _leads_on(limit: float, measured: list[tuple[Vector, _Measures]]) -> Vector | None:
+def _leads_on(limit: float, measured: list[_Measures]) -> Vector | None:
     """The sampled parameters that lead to the next stage best; None where none leads there."""
 
-    def rank(item: tuple[Vector, _Measures]) -> float:
-        m = item[1]
+    def rank(m: _Measures) -> float:
         gaps = [gap for gap in (m.own_m, m.next_m) if math.isfinite(gap)]
         return max([*gaps, (m.turn_deg if math.isfinite(m.turn_deg) else 0.0)], default=math.inf)
 
@@ -436,8 +430,8 @@ def _leads_on(limit: float, measured: list[tuple[Vector, _Measures]]) -> Vector 
         near = all(not gap > limit for gap in (m.own_m, m.next_m))
         return not m.trouble and near and not m.turn_deg > DIRECTION_ERROR_DEG and m.ahead_m >= 0
 
-    good = [item for item in measured if leads(item[1])]
-    return min(good, key=rank)[0] if good else None
+    good = [each for each in measured if leads(each)]
+    return min(good, key=rank).parameters if good else None
 
 
 def _airspace_findings(plan: Plan) -> Iterator[Finding]:

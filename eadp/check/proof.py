@@ -242,6 +242,20 @@ class StageProof:
     next: str | None = None
     direction: bool | None = None
 
+    @property
+    def own_gap(self) -> str:
+        """The formula of how far the trigger is off its path; empty where it lies on it, or that is undecided."""
+        return "" if self.own in (None, ON_PATH) else str(self.own)
+
+    @property
+    def next_gap(self) -> str:
+        """As `own_gap`, of the next path."""
+        return "" if self.next in (None, ON_PATH) else str(self.next)
+
+
+ON_PATH = "0"
+"""φ at a trigger that lies on the path."""
+
 
 class PlacedPath(NamedTuple):
     """A path, and a point in the frame of that path."""

@@ -44,6 +44,7 @@ _POSITIONED = frozenset((
 ))  # fmt: skip
 _LOITERS = frozenset((d.LOITER_UNLIMITED, d.LOITER_TURNS, d.LOITER_TIME, d.LOITER_TO_ALTITUDE))
 _LANDS = frozenset((d.LAND, d.VTOL_LAND))
+_ENDS = _LANDS | {d.RETURN, d.LOITER_UNLIMITED}
 _HERE_IF_NULL = frozenset((d.TAKEOFF, d.VTOL_TAKEOFF, *_LANDS))
 _MOVING = _POSITIONED | {d.RETURN}
 _CONTROLS = frozenset((d.JUMP, d.CHANGE_SPEED, d.LAND_START)) | MOTIONLESS
@@ -87,6 +88,34 @@ class _Climb:
         if item.command == d.LOITER_TO_ALTITUDE and abs(change_m) > rate_mps * max(way_s - SETTLING_S, 0.0):
             left_m = max(left_m, rate_mps * turn_s)  # one that is not over as the circle begins takes a turn
         return math.copysign(left_m, change_m)
+
+
+@dataclass
+class _Walk:
+    """A mission's items in the order flown so far, by their indices, and how often each jump was taken."""
+
+    order: list[int] = field(default_factory=list)
+    taken: Counter[int] = field(default_factory=Counter)
+    flown_m: float = 0.0
+    _here: Point = (0.0, 0.0)
+    _moves: int = 0
+    _moves_at: dict[int, int] = field(default_factory=dict)  # when a jump was taken last
+
+    def fly(self, index: int, point: Point | None, turns_m: float, *, moves: bool) -> None:
+        """Add an item, at a point or where the aircraft is, and the length of its turns."""
+        self.order.append(index)
+        if moves:
+            self._moves += 1
+            self.flown_m += math.dist(self._here, point or self._here) + turns_m
+            self._here = point or self._here
+
+    def jump(self, index: int) -> bool:
+        """Take a jump; return whether anything was flown since it was taken last."""
+        if self._moves_at.get(index) == self._moves:
+            return False
+        self._moves_at[index] = self._moves
+        self.taken[index] += 1
+        return True
 
 
 def _is_placed(item: DraftItem) -> bool:
@@ -213,67 +242,70 @@ class MissionPlan:
 
     def _order(self) -> list[int]:
         """The items in the order flown: jumps followed, up to the landing or the return."""
-        items = self.draft.items
-        order: list[int] = []
-        numbers = {item.number: i for i, item in reversed(list(enumerate(items)))}
-        for item in items:
-            wanted = item.parameters[0]
-            if item.command == d.JUMP and wanted not in numbers:
-                last = items[-1].number
-                self._fault(item.locations[2], item, f"a jump to item {wanted:g}, which is not there", f"1 to {last}")
-        refuse(self.faults)
-        taken: Counter[int] = Counter()
-        moved_at: dict[int, int] = {}
-        moved, flown_m, here = 0, 0.0, (0.0, 0.0)
+        items, walk = self.draft.items, _Walk()
+        self._check_jumps()
         i = 0
         while i < len(items):
             item = items[i]
-            if item.command == d.JUMP:
-                times = item.parameters[1]
-                forever = times < 0
-                limit = times if not forever else math.inf if self.motion.laps is None else self.motion.laps - 1
-                if forever and self.motion.laps is None and flown_m > self.motion.repeated_m:
-                    limit = taken[i]
-                    message = (
-                        f"{item.label} repeats for ever: {taken[i] + 1} laps are planned, {flown_m / 1000:.0f} km; "
-                        f"--laps sets their number"
-                    )
-                    self._find(item.locations[0], "repeats", message)
-                if taken[i] < limit:
-                    if moved_at.get(i) == moved:
-                        message = f"a jump to item {item.parameters[0]:g} and back here that flies nothing"
-                        self._fault(item.locations[2], item, message, "a jump to before a waypoint")
-                        return order
-                    moved_at[i] = moved
-                    taken[i] += 1
-                    i = numbers[int(item.parameters[0])]
-                    continue
-            elif item.command in _MOVING:
-                moved += 1
-                point = self.points.get(i) or here
-                flown_m += math.dist(here, point)
-                here = point
-                if item.command in _LOITERS:
-                    flown_m += 2 * math.pi * abs(self._radius_m(item)) * self._turns(item, None, 0.0)
-            order.append(i)
-            if len(order) > d.ITEMS_LIMIT:
+            if item.command == d.JUMP and walk.taken[i] < self._repetitions(item, walk.taken[i], walk.flown_m):
+                if not walk.jump(i):
+                    message = f"a jump to item {item.parameters[0]:g} and back here that flies nothing"
+                    self._fault(item.locations[2], item, message, "a jump to before a waypoint")
+                    return walk.order
+                i = self._numbers[int(item.parameters[0])]
+                continue
+            turns_m = 0.0
+            if item.command in _LOITERS:
+                turns_m = 2 * math.pi * abs(self._radius_m(item)) * self._turns(item, None, 0.0)
+            walk.fly(i, self.points.get(i) if item.command in _MOVING else None, turns_m, moves=item.command in _MOVING)
+            if len(walk.order) > d.ITEMS_LIMIT:
                 expected = "fewer repetitions, or --laps N where it repeats for ever"
                 self._fault(item.locations[0], item, f"more than {d.ITEMS_LIMIT} items are flown", expected)
-                return order
-            if item.command == d.RETURN or item.command in _LANDS:
-                break
-            if item.command == d.LOITER_UNLIMITED:
-                if any(later.command in _MOVING for later in items[i + 1 :]):
-                    expected = "a number of turns, or no waypoint after it"
-                    self._fault(item.locations[0], item, "a loiter without end before other items", expected)
+                return walk.order
+            if item.command in _ENDS:
                 break
             i += 1
-        after = [later for later in items[i + 1 :] if later.command in _MOVING]
-        if after:
-            ending = f"{items[i].label}, {command_text(items[i].command)}, ends the mission"
-            message = f"{after[0].label} and what follows it is not flown: {ending}"
-            self._find(after[0].locations[0], "not-flown", message)
-        return order
+        self._check_left_out(walk.order)
+        return walk.order
+
+    @cached_property
+    def _numbers(self) -> dict[int, int]:
+        """The index of the first item of each number."""
+        return {item.number: i for i, item in reversed(list(enumerate(self.draft.items)))}
+
+    def _check_jumps(self) -> None:
+        """Refuse jumps to items that are not there."""
+        for item in self.draft.items:
+            if item.command == d.JUMP and item.parameters[0] not in self._numbers:
+                message = f"a jump to item {item.parameters[0]:g}, which is not there"
+                self._fault(item.locations[2], item, message, f"1 to {self.draft.items[-1].number}")
+        refuse(self.faults)
+
+    def _repetitions(self, item: DraftItem, taken: int, flown_m: float) -> float:
+        """How often a jump is taken, `taken` so often by now; one for ever, until the length flown is enough."""
+        stated = item.parameters[1]
+        if stated >= 0:
+            return stated
+        if self.motion.laps is not None:
+            return self.motion.laps - 1
+        if flown_m <= self.motion.repeated_m:
+            return math.inf
+        planned = f"{taken + 1} laps are planned, {flown_m / 1000:.0f} km"
+        message = f"{item.label} repeats for ever: {planned}; --laps sets their number"
+        self._find(item.locations[0], "repeats", message)
+        return taken
+
+    def _check_left_out(self, order: list[int]) -> None:
+        """Find what is not flown as the mission ends before it; after a loiter without end that is a fault."""
+        items, last, flown = self.draft.items, order[-1] if order else 0, set(order)
+        left = [later for i, later in enumerate(items) if i > last and i not in flown and later.command in _MOVING]
+        if not left:
+            return
+        if items[last].command == d.LOITER_UNLIMITED:
+            expected = "a number of turns, or no waypoint after it"
+            self._fault(items[last].locations[0], items[last], "a loiter without end before other items", expected)
+        ending = f"{items[last].label}, {command_text(items[last].command)}, ends the mission"
+        self._find(left[0].locations[0], "not-flown", f"{left[0].label} and what follows it is not flown: {ending}")
 
     def _radius_m(self, item: DraftItem) -> float:
         """The signed radius of a loiter [m]: MAVLink's is above 0 clockwise; ±1 and 0 are directions alone."""

@@ -205,28 +205,33 @@ def _corner(place: _Value) -> tuple[float, float]:
 
 
 def _read_item(item: _Value, draft: MissionDraft) -> None:
+    """An item, or the items that a complex one holds."""
     kind = item.member("type").is_(str).value
     if kind == "SimpleItem":
         _read_simple(item, draft)
-    elif kind != "ComplexItem":
-        raise item.member("type").error(f"{printable(kind, 40)} is not known", "SimpleItem or ComplexItem")
+    elif kind == "ComplexItem":
+        _read_complex(item, draft)
     else:
-        name = item.member("complexItemType").is_(str)
-        if name.value not in VERSIONS:
-            raise name.error(f"{printable(name.value, 40)} is not known", f"one of {', '.join(VERSIONS)}")
-        item.expect("version", *VERSIONS[name.value])
-        if name.value in LANDINGS:
-            _read_landing(item, draft, LANDINGS[name.value])
-            return
-        holder = item.member(_TRANSECTS)
-        hover = holder.member("HoverAndCapture") if holder.value is not None else holder
-        if hover.value is True:
-            raise hover.error("the aircraft hovers for each picture", "false: a fixed wing does not hover")
-        items = holder.member("Items").elements() if holder.value is not None else []
-        if not items:
-            raise item.error(f"a {name.value} without items", f"its items in {_TRANSECTS}.Items")
-        for each in items:
-            _read_simple(each.is_(JsonObject), draft)
+        raise item.member("type").error(f"{printable(kind, 40)} is not known", "SimpleItem or ComplexItem")
+
+
+def _read_complex(item: _Value, draft: MissionDraft) -> None:
+    """A landing pattern, or the transects of a survey or a corridor by the items that they hold."""
+    name = item.member("complexItemType").is_(str)
+    if name.value not in VERSIONS:
+        raise name.error(f"{printable(name.value, 40)} is not known", f"one of {', '.join(VERSIONS)}")
+    item.expect("version", *VERSIONS[name.value])
+    if name.value in LANDINGS:
+        _read_landing(item, draft, LANDINGS[name.value])
+        return
+    transects = item.member(_TRANSECTS)
+    items = [] if transects.value is None else transects.member("Items").elements()
+    if not items:
+        raise item.error(f"a {name.value} without items", f"its items in {_TRANSECTS}.Items")
+    if (hover := transects.member("HoverAndCapture")).value is True:
+        raise hover.error("the aircraft hovers for each picture", "false: a fixed wing does not hover")
+    for each in items:
+        _read_simple(each.is_(JsonObject), draft)
 
 
 def _read_simple(item: _Value, draft: MissionDraft) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from eadp.core.flight import interpolated
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.text.options import Flag, check_range
 from eadp.measure.formats import read_power_log
-from eadp.measure.noise import regressed
+from eadp.measure.noise import HuberFit, regressed
 from eadp.measure.power_log import Columns, PowerLog
 from eadp.models.battery import cell_v, misfit
 
@@ -430,41 +430,87 @@ def fit_battery(
         drawn = float(used.max()) / 3600
         raise Infeasible(f"the log draws {drawn:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
     notes = ["capacity and k_b cannot be estimated from voltage and current: they are as given"]
-    vary = float(np.ptp(charge)) >= MIN_CHARGE_USED
-    if not vary:
+    log = _VoltageLog(t, volts, amps, charge)
+    constant = found = log.fit(rises=False, resists=True)
+    if float(np.ptp(charge)) < MIN_CHARGE_USED:
         used_share = f"only {100 * np.ptp(charge):.1f} % of the charge is used"
         notes.append(f"{used_share}: the voltage is taken as the same at any charge")
-    constant = regressed(np.stack([np.ones_like(amps), -amps], axis=1), volts, t)
-    linear = regressed(np.stack([np.ones_like(amps), -amps, charge], axis=1), volts, t) if vary else None
-    if linear is not None and not linear.values[2] > SIGNIFICANCE * linear.std(2):
-        notes.append("the voltage does not fall with the charge beyond doubt: it is taken as the same at any charge")
-        linear = None
-    fit = linear or constant
-    ohm, ohm_std = float(fit.values[1]), fit.std(1)
-    found = ohm > SIGNIFICANCE * ohm_std
-    if not found:
-        varies = f"the current varies by {np.std(amps):.3g} A about {np.mean(amps):.3g} A"
-        notes.append(f"the resistance cannot be estimated: {varies}, which gives {ohm:.3g} ± {ohm_std:.2g} Ω")
-        # without a resistance, fit the terminal voltage
-        columns = [np.ones_like(amps), charge] if linear else [np.ones_like(amps)]
-        fit = regressed(np.stack(columns, axis=1), volts, t)
-    ends = np.zeros((2, len(fit.values)))  # without charge, and full
-    ends[:, 0] = 1.0
-    if linear:
-        ends[1, -1] = 1.0
-    empty, full = (ends @ fit.values).tolist()
-    empty_std, full_std = np.sqrt(np.einsum("ij,jk,ik->i", ends, fit.covariance, ends))
+    else:
+        found = log.rising(notes, resists=True)
+    ohm, ohm_std = found.resistance_ohm
+    resists = ohm > SIGNIFICANCE * ohm_std
+    if not resists:  # fit the terminal voltage
+        notes.append(log.why_no_resistance(ohm, ohm_std))
+        found = log.rising(notes, resists=False) if found.rises else log.fit(rises=False, resists=False)
+    (empty_v, empty_std_v), (full_v, full_std_v) = found.open_v(0.0), found.open_v(1.0)
     return BatteryFit(
-        full,
-        empty if linear else None,
-        ohm if found else None,
-        float(full_std),
-        float(empty_std) if linear else 0.0,
-        ohm_std if found else 0.0,
-        fit.rms,
-        constant.rms,
-        float(charge[0]),
-        float(charge[-1]),
-        fit.correlation_s,
-        tuple(notes),
+        voltage_full_v=full_v,
+        voltage_empty_v=empty_v if found.rises else None,
+        resistance_ohm=ohm if resists else None,
+        voltage_full_std_v=full_std_v,
+        voltage_empty_std_v=empty_std_v if found.rises else 0.0,
+        resistance_std_ohm=ohm_std if resists else 0.0,
+        rms_v=found.fit.rms,
+        constant_rms_v=constant.fit.rms,
+        charge_from=float(charge[0]),
+        charge_to=float(charge[-1]),
+        correlation_s=found.fit.correlation_s,
+        notes=tuple(notes),
     )
+
+
+class _VoltageFit(NamedTuple):
+    """V = a − R I + s b: whether the voltage rises with the charge b by s, and falls with the current by R."""
+
+    fit: HuberFit
+    rises: bool
+
+    @property
+    def resistance_ohm(self) -> tuple[float, float]:
+        """R, and its standard error [Ω], of a fit that has it."""
+        return float(self.fit.values[1]), self.fit.std(1)
+
+    @property
+    def rise_v(self) -> tuple[float, float]:
+        """s, and its standard error [V], of a fit that has it."""
+        last = len(self.fit.values) - 1
+        return float(self.fit.values[last]), self.fit.std(last)
+
+    def open_v(self, charge: float) -> tuple[float, float]:
+        """The voltage without a current at a charge, and its standard error [V]."""
+        row = np.zeros(len(self.fit.values))
+        row[0] = 1.0
+        if self.rises:
+            row[-1] = charge
+        return float(row @ self.fit.values), math.sqrt(float(row @ self.fit.covariance @ row))
+
+
+class _VoltageLog(NamedTuple):
+    """Readings to fit: times [s], voltages [V], currents [A] and states of charge, each of shape (n,)."""
+
+    times_s: FloatArray
+    volts: FloatArray
+    amps: FloatArray
+    charge: FloatArray
+
+    def fit(self, *, rises: bool, resists: bool) -> _VoltageFit:
+        """The fit with a rise over the charge or without, and with a resistance or without."""
+        columns = [np.ones_like(self.amps), *([-self.amps] if resists else []), *([self.charge] if rises else [])]
+        return _VoltageFit(regressed(np.stack(columns, axis=1), self.volts, self.times_s), rises)
+
+    def rising(self, notes: list[str], *, resists: bool) -> _VoltageFit:
+        """The fit with a rise that is beyond doubt; else, with a note, the one without."""
+        found = self.fit(rises=True, resists=resists)
+        rise_v, std_v = found.rise_v
+        if rise_v > SIGNIFICANCE * std_v:
+            return found
+        notes.append("the voltage does not fall with the charge beyond doubt: it is taken as the same at any charge")
+        return self.fit(rises=False, resists=resists)
+
+    def why_no_resistance(self, ohm: float, std_ohm: float) -> str:
+        """Why a resistance that was found is not taken."""
+        if ohm < -SIGNIFICANCE * std_ohm:
+            rises = f"the voltage rises with the current, by {-ohm:.3g} ± {std_ohm:.2g} Ω"
+            return f"the resistance cannot be estimated: {rises}: is each column what it is taken for?"
+        varies = f"the current varies by {np.std(self.amps):.3g} A about {np.mean(self.amps):.3g} A"
+        return f"the resistance cannot be estimated: {varies}, which gives {ohm:.3g} ± {std_ohm:.2g} Ω"

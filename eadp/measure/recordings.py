@@ -49,16 +49,18 @@ DEVICES = (
 )
 """The devices known; the first whose rails a recording has makes the power."""
 
-_PER_WATT = {"w": 1.0, "watt": 1.0, "watts": 1.0, "mw": 1e3, "milliwatt": 1e3, "milliwatts": 1e3, "uw": 1e6, "kw": 1e-3}
-_UNIT = r"m?w|uw|kw|(?:milli)?watts?"
+_PER_WATT = {"w": 1.0, "watt": 1.0, "watts": 1.0, "mw": 1e3, "milliwatt": 1e3, "milliwatts": 1e3, "kw": 1e-3}
+_PER_WATT |= dict.fromkeys(("uw", "µw", "μw"), 1e6)
+_UNIT = r"m?w|[uµμ]w|kw|(?:milli)?watts?"
 _HEADING = re.compile(
     rf"(?:(?P<power>power)[ _-])?(?P<rail>.+?)(?:[ _-](?P<mean>avg|mean|average|cur|inst))?"
-    rf"(?:[ _-]*[\[(]?(?<![a-z0-9])(?P<unit>{_UNIT})[\])]?)?(?:[ _-](?:avg|mean|average))?\Z",
+    rf"(?:[ _-]*[\[(]?(?<![^\W_])(?P<unit>{_UNIT})[\])]?)?(?:[ _-](?:avg|mean|average))?\Z",
     re.IGNORECASE,
 )
 _JOINED_UNIT = re.compile(r"(?<=[A-Za-z])Watt\Z")  # turbostat: PkgWatt
 _STATED_UNIT = re.compile(rf"(.+?)\s*[\[(]({_UNIT})[\])]\Z", re.IGNORECASE)
 _RAIL = re.compile(r"(?:POM|VDDQ?|VIN)_\w+\Z|(?:VDDRQ|VIN|SYS5V|5V_IN)\Z")
+_DRAWN = "POWER.DRAW"  # nvidia-smi
 _LIKE_POWER = re.compile(r"power|pwr|watt|(?:\A|[ _(\[])m?w(?:\Z|[)\]])", re.IGNORECASE)
 _WATTS = re.compile(r"(?:.*[ _-])?watts?\Z", re.IGNORECASE)
 _MICROWATTS = re.compile(r"power[0-9]+_(?:input|average)\Z")  # hwmon
@@ -269,6 +271,11 @@ class _Rail(NamedTuple):
     unit: str
     sure: bool
 
+    @property
+    def has_usual_unit(self) -> bool:
+        """Whether it is one of power by its name alone, so that its unit is known without being written."""
+        return bool(_RAIL.match(self.name) or self.name.startswith(_DRAWN))
+
 
 def _rail(heading: str) -> _Rail:
     """The rail of a column: `Power VDD_IN`, `POM_5V_IN (mW)`."""
@@ -278,12 +285,12 @@ def _rail(heading: str) -> _Rail:
     if not found:
         return _Rail(heading.upper(), "", False)
     name, unit = found["rail"].strip().upper(), (found["unit"] or "").lower()
-    return _Rail(name, unit, bool(unit or found["power"] or _RAIL.match(name)))
+    return _Rail(name, unit, bool(unit or found["power"] or _RAIL.match(name) or name.startswith(_DRAWN)))
 
 
 def _usual_unit(rail: str) -> str:
     """The unit of a rail that has none in its name: nvidia-smi writes watts, and tegrastats and jtop milliwatts."""
-    return "w" if rail.startswith("POWER.DRAW") else "mw"
+    return "w" if rail.startswith(_DRAWN) else "mw"
 
 
 def _is_rail(name: str) -> bool:
@@ -301,7 +308,6 @@ def _of_device(header: Row) -> tuple[Device | None, list[PowerColumn]]:
     sure: dict[str, bool] = {}
     for i, name in enumerate(header.fields):
         rail, unit, certain = _rail(name)
-        certain = certain or rail.startswith("POWER.DRAW")
         mean = re.search(r"(?i)(?:avg|mean|average)", name)
         if rail not in rails or (certain and not sure[rail]) or (certain and not mean):
             rails[rail] = PowerColumn(i, name, _PER_WATT[unit or _usual_unit(rail)], not unit)
@@ -342,21 +348,30 @@ def _places(name: str, header: Row) -> list[int]:
 
 
 def _with_unit(header: Row, place: int, unit: str) -> PowerColumn:
-    """A column with its unit: stated, in its name, or the milliwatts of a rail."""
+    """A column with its unit: stated, else that in its name, else that of its kind, which is assumed."""
     name = header.fields[place]
     if unit:
         return PowerColumn(place, name, _PER_WATT[unit])
     if _MICROWATTS.match(name):
-        return PowerColumn(place, name, 1e6, True)
-    heading, (rail, own, sure) = read_heading(name), _rail(name)
-    if _WATTS.match(name):
-        return PowerColumn(place, name, 1.0)
-    if heading.per_watt and heading.unit:
-        return PowerColumn(place, name, heading.per_watt)
-    if own or (sure and _RAIL.match(rail)) or name.lower().startswith("power "):
-        return PowerColumn(place, name, _PER_WATT[own or _usual_unit(rail)], not own)
+        return PowerColumn(place, name, 1e6, assumed=True)
+    if (per_watt := _written_per_watt(name)) is not None:
+        return PowerColumn(place, name, per_watt)
+    rail = _rail(name)
+    if rail.has_usual_unit or name.lower().startswith("power "):
+        return PowerColumn(place, name, _PER_WATT[_usual_unit(rail.name)], assumed=True)
     message = f"{printable(name, 80)} has no unit of power"
     raise InputError(header.fault(place, message, f"--power '{name} [W]', or '{name} [mW]'"))
+
+
+def _written_per_watt(name: str) -> float | None:
+    """How many of the unit that a column's name has make a watt; None where it has none."""
+    if _WATTS.match(name):
+        return 1.0
+    heading = read_heading(name)
+    if heading.per_watt and heading.unit:
+        return heading.per_watt
+    unit = _rail(name).unit
+    return _PER_WATT[unit] if unit else None
 
 
 def _plain(header: Row, places: Sequence[int]) -> PowerColumn:
