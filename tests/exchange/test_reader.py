@@ -238,6 +238,13 @@ def test_what_a_fixed_wing_does_otherwise_is_a_finding():
 # --- jumps ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("ending", [item(20), item(17, east=300, north=300)])
+def test_what_a_jump_has_flown_before_the_end_is_not_left_out(ending):
+    items = [waypoint(300, 0), item(177, 5, 1), waypoint(600, 600), ending, waypoint(0, 600), item(177, 3, 1)]
+    plan, found = read(wpl(*items))
+    assert not found and {"item 5"} <= {stage.item for stage in plan.stages}
+
+
 def interpreted(items, laps):
     """The waypoints flown, by a program that walks over the items one at a time, as an autopilot does."""
     counts = {i: (laps - 1 if c[2] < 0 else c[2]) for i, (c, _) in enumerate(items) if c[0] == 177}

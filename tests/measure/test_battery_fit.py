@@ -61,6 +61,14 @@ def test_a_current_that_hardly_varies_tells_no_resistance():
     assert any("resistance cannot be estimated" in note for note in fit.notes)
 
 
+def test_a_voltage_that_rises_with_the_current_is_no_battery():
+    t, volts, amps = log()
+    rising = 13 + 0.1 * np.linspace(5, 30, len(t)) + 0.2 * (volts - volts.mean())
+    fit = fit_battery(t, rising, np.linspace(5, 30, len(t)), 10 * CAPACITY_AH)
+    assert fit.resistance_ohm is None and fit.voltage_empty_v is None
+    assert any("rises with the current" in note for note in fit.notes)
+
+
 def test_little_charge_used_tells_no_slope():
     fit = fit_battery(*log(seconds=60.0), CAPACITY_AH)
     assert fit.voltage_empty_v is None

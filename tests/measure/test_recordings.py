@@ -91,6 +91,7 @@ def test_units_that_are_stated():
     body = "fps,PWR_AVG,VDD_IN\n2,5.1,900\n"
     assert watts(body, "PWR_AVG [W]") == [5.1]
     assert watts(body, "PWR_AVG [W]", "VDD_IN") == [6.0]
+    assert watts("time_s,board [µW]\n0,2000000\n", "board [µW]") == watts("t,power.draw\n0,2\n", "power.draw") == [2.0]
 
 
 def test_another_table_is_left_as_it_is():
