@@ -184,17 +184,7 @@ class LinkFlight:
             autopilot.judge(values["valid"], now_s)
             if mission is not None:
                 self._do(mission.count(values["item_count"], now_s))
-        if values.get("said") is not None:
-            autopilot.read_text(values["said"], now_s)
-        if self._check is not None and values.get("parameter") is not None:
-            name, *number = values["parameter"]
-            if (value := self._check.take(name, *number)) is not None:
-                self._lines.autopilot[name] = value
-        if values.get("answer") == (RETURN, ACCEPTED) and autopilot.was_commanded:
-            self._home.may_command, self._home.accepted = False, True
-            pilot.note("the autopilot returns")
-        if values.get("answer") is not None and (limit := self._airspeed.take(*values["answer"])):
-            self._lines.autopilot |= limit
+        self._note(values, now_s)
         if mission is not None and self._uploads:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
         restarts = self._lines.heard.restarts
@@ -207,6 +197,22 @@ class LinkFlight:
         uploads = self._uploads and self._lines.flies_mission is not False
         if mission is not None and uploads and self._decided_path is not None:
             self._do(mission.decide(now_s, self._decided_path, self._replanner.rest))
+
+    def _note(self, values: Mapping[str, Any], now_s: float) -> None:
+        """Note what the autopilot says in words, of a parameter, and in answer to a command."""
+        if values.get("said") is not None:
+            self._autopilot.read_text(values["said"], now_s)
+        if self._check is not None and values.get("parameter") is not None:
+            name, *number = values["parameter"]
+            if (value := self._check.take(name, *number)) is not None:
+                self._lines.autopilot[name] = value
+        if values.get("answer") is not None:
+            command, result = values["answer"]
+            if (command, result) == (RETURN, ACCEPTED) and self._autopilot.was_commanded:
+                self._home.may_command, self._home.accepted = False, True
+                self._pilot.note("the autopilot returns")
+            if limit := self._airspeed.take(command, result):
+                self._lines.autopilot |= limit
 
     def _take_transfer(self, message: Message, now_s: float) -> None:
         """Take a message of the mission protocol if it is for this computer, and of a mission (`mission_type` 0)."""

@@ -270,6 +270,27 @@ class Evaluation:
         return max(self.evaluator.objective.reserve_soc, float(self.own.turns_back_soc[0]))
 
 
+class _LegTimes(NamedTuple):
+    """Times of whole legs.
+
+    Attributes
+    ----------
+    flown_mps : array, shape (legs,)
+        Airspeeds [m/s].
+    in_winds_s : array, shape (winds, legs)
+        In the estimated wind, the first row, and in winds around it [s].
+    turning_s : array, shape (legs,)
+        Time integral of tan² of the bank, in the estimated wind [s].
+    excess_s : array, shape (legs,)
+        What of the time is flown beside the path [s].
+    """
+
+    flown_mps: FloatArray
+    in_winds_s: FloatArray
+    turning_s: FloatArray
+    excess_s: FloatArray
+
+
 class Evaluator:
     """Evaluates routes of one mission.
 
@@ -367,59 +388,64 @@ class Evaluator:
             If none of them can be flown in this wind.
         """
         legs = RouteArrays.of(routes)
-        # times of whole legs, shape (winds, legs): the first row in the estimated wind, the others in winds around it
-        winds_mps = _sigma_points(known.wind, known.airspeed_mps)
-        in_force = known.cursor.airspeeds_mps
-        if airspeeds_mps is None and in_force:
-            airspeeds_mps = np.tile(in_force, (len(routes), 1))
-        # where a stage has none of its own
-        others_mps: float | FloatArray = known.airspeed_mps
-        if airspeeds_mps is not None:
-            others_mps = airspeeds_mps[legs.place, legs.stages - 1]
-        own_mps = legs.rows.airspeeds_mps[legs.order]
-        flown_mps = np.where(np.isnan(own_mps), others_mps, own_mps)
-        in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, others_mps, winds_mps)
-        # a leg that the aircraft cannot follow takes longer than its path: in each wind and at each airspeed as before
-        # take-off
-        excess_s, excess_turning_s = self._excess_s[legs.stages - 1].T
-        in_winds_s = in_winds_s + excess_s
-        turning_s = np.maximum(turning_s[0] + excess_turning_s, 0.0)
-        # routes that cannot be flown are left out
-        flyable = np.isfinite(legs.sums(in_winds_s[0]))
-        if not flyable.all():
+        if airspeeds_mps is None and known.cursor.airspeeds_mps:
+            airspeeds_mps = np.tile(known.cursor.airspeeds_mps, (len(routes), 1))
+        times = self._leg_times(known, legs, airspeeds_mps)
+        flyable = np.isfinite(legs.sums(times.in_winds_s[0]))
+        if not flyable.all():  # routes that cannot be flown are left out
             index = np.flatnonzero(flyable)
             if not len(index):
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
             rest_mps = None if airspeeds_mps is None else airspeeds_mps[index]
             rest = self.evaluate(known, [routes[i] for i in index.tolist()], rest_mps)
             return replace(rest, index=index[rest.index])
-        # mean times over the wind's distribution; of the first leg of each route only a part is left
-        factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
-        wind_var += OVERSHOOT_SHARE**2 * legs.sums(excess_s**2) / np.maximum(legs.sums(in_winds_s[0]), 1e-3) ** 2
-        whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s * factor[legs.place]
-        part = np.ones(len(whole_s))
-        part[legs.first] = self._left(known, legs, routes, whole_s)
-        times_s = whole_s * part * known.time.ratio
-        # y = level · a + (flat + turn · tan²φ) b, between 0 and the motor's maximum
-        slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
-        motion, (level, flat, turn, own_w) = known.motion, terms_of(known.motion.airframe, flown_mps)
-        motion_w = level * motion.level_w + motion.slope_w * (flat + turn * slopes) + own_w
-        motion_w = np.minimum(np.maximum(motion_w, 0.0), np.maximum(motion.level_w, self.mission.vehicle.max_motion_w))
-        level_s = np.maximum(legs.sums(times_s * level), 1e-3)
-        bank_s = legs.sums(turning_s * turn * part) * known.time.ratio + legs.sums(times_s * flat)
-        peak_w = motion_w
-        if known.climb is not None:
-            times_s, motion_w, peak_w = self._climbed(
-                known, routes, flown_mps, (in_winds_s[0] - excess_s) * factor[legs.place], times_s, motion_w
-            )
-        # the peak is above the mean of a window by twice its standard deviation
-        peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
         groups = self.envelopes.groups(routes[0].table, legs.order)
-        extremes_w = self.envelopes.extremes_w()[groups]
-        load = RouteLoad(times_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
-        totals = self._totals(known, legs, load, (level_s, bank_s), wind_var)
+        load, totals = self._load(known, routes, legs, times, groups)
         found = self._evaluation(known, routes, legs, groups, load, totals)
         return replace(found, airspeeds_mps=airspeeds_mps)
+
+    def _leg_times(self, known: Known, legs: RouteArrays, airspeeds_mps: FloatArray | None) -> _LegTimes:
+        """Times of whole legs, at the airspeeds of their stages, else those of each route's stages, if any."""
+        others_mps: float | FloatArray = known.airspeed_mps
+        if airspeeds_mps is not None:
+            others_mps = airspeeds_mps[legs.place, legs.stages - 1]
+        own_mps = legs.rows.airspeeds_mps[legs.order]
+        flown_mps = np.where(np.isnan(own_mps), others_mps, own_mps)
+        winds_mps = _sigma_points(known.wind, known.airspeed_mps)
+        on_path_s, turning_s = leg_times_s(legs.rows, legs.order, others_mps, winds_mps)
+        # a leg that the aircraft cannot follow takes longer than its path: in each wind and at each airspeed as before
+        # take-off
+        excess_s, excess_turning_s = self._excess_s[legs.stages - 1].T
+        return _LegTimes(flown_mps, on_path_s + excess_s, np.maximum(turning_s[0] + excess_turning_s, 0.0), excess_s)
+
+    def _load(
+        self, known: Known, routes: Sequence[Route], legs: RouteArrays, times: _LegTimes, groups: IntArray
+    ) -> tuple[RouteLoad, Totals]:
+        """Mean times and powers of the legs of routes that can be flown, and their totals; see `evaluate`."""
+        # mean times over the wind's distribution; of the first leg of each route only a part is left
+        factor, wind_var = _wind_effect(legs.sums(times.in_winds_s.T))
+        shortest_s = np.maximum(legs.sums(times.in_winds_s[0]), 1e-3)
+        wind_var += OVERSHOOT_SHARE**2 * legs.sums(times.excess_s**2) / shortest_s**2
+        whole_s, turning_s = times.in_winds_s[0] * factor[legs.place], times.turning_s * factor[legs.place]
+        part = np.ones(len(whole_s))
+        part[legs.first] = self._left(known, legs, routes, whole_s)
+        left_s = whole_s * part * known.time.ratio
+        # y = level · a + (flat + turn · tan²φ) b, between 0 and the motor's maximum
+        slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
+        motion, (level, flat, turn, own_w) = known.motion, terms_of(known.motion.airframe, times.flown_mps)
+        motion_w = level * motion.level_w + motion.slope_w * (flat + turn * slopes) + own_w
+        motion_w = np.minimum(np.maximum(motion_w, 0.0), np.maximum(motion.level_w, self.mission.vehicle.max_motion_w))
+        level_s = np.maximum(legs.sums(left_s * level), 1e-3)
+        bank_s = legs.sums(turning_s * turn * part) * known.time.ratio + legs.sums(left_s * flat)
+        peak_w = motion_w
+        if known.climb is not None:
+            on_path_s = (times.in_winds_s[0] - times.excess_s) * factor[legs.place]
+            left_s, motion_w, peak_w = self._climbed(known, routes, times.flown_mps, on_path_s, left_s, motion_w)
+        # the peak is above the mean of a window by twice its standard deviation
+        peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
+        extremes_w = self.envelopes.extremes_w()[groups]
+        load = RouteLoad(left_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
+        return load, self._totals(known, legs, load, (level_s, bank_s), wind_var)
 
     def _evaluation(
         self,

@@ -191,17 +191,17 @@ class Places:
         self._predictor = RoutePredictor()
         self._routes: dict[Shares, Route | None] = {}
         self._airspeeds: dict[tuple[tuple[Shares, ...], float], FloatArray] = {}  # see `_airspeeds_mps`
-        self._stage: tuple[object, ...] = ()
-        """What they depend on: the stage, its path parameters, whether the end is uncertain, and the autopilot."""
+        self._kept_for: tuple[object, ...] = ()
+        """What both are kept for: the stage, its path parameters, the margin at its end, the autopilot."""
 
     def enter(self, known: Known) -> None:
         """Begin a re-planning: forget the routes kept unless they start from the stage and parameters of now."""
         cursor = known.cursor
         path = len(self._boxes)
         path_now = cursor.waiting[:path], cursor.parameters[:path]
-        stage = known.joined.stages_started, path_now, known.margin_m, known.autopilot
-        if stage != self._stage:
-            self._stage = stage
+        here = known.joined.stages_started, path_now, known.margin_m, known.autopilot
+        if here != self._kept_for:
+            self._kept_for = here
             self._routes.clear()
             self._airspeeds.clear()
 
