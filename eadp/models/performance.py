@@ -13,7 +13,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.guidance import air_density_kgpm3, calibrated_share
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Site
-from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
+from eadp.models.vehicle import Airframe, FixedWing
 
 SPEEDS = 2001
 """Airspeeds that a best one is searched among, before it is refined."""
@@ -42,7 +42,7 @@ def calibrated_over_true(site: Site, airframe: Airframe) -> float:
     """
     if site.above_sea_m is not None:
         return float(calibrated_share(air_density_kgpm3(site.above_sea_m)))
-    return 1.0 if isinstance(airframe, PaperVehicle) else float(calibrated_share(airframe.air_density_kgpm3))
+    return float(calibrated_share(airframe.air_density_kgpm3))
 
 
 def ground_radius_m(airframe: Airframe, airspeed_mps: float, wind_mps: float) -> float:
@@ -58,8 +58,6 @@ def roll_out_m(airframe: Airframe, ground_mps: float) -> float:
 
     Source: the airframe's first-order roll.
     """
-    if isinstance(airframe, PaperVehicle):
-        return 0.0
     # φ = φ_max e^(−t/τ)
     return ground_mps * airframe.roll_time_constant_s * max(0.0, math.log(airframe.max_bank_deg / LEVEL_DEG))
 
@@ -190,7 +188,7 @@ def performance(
     Source: Anderson 1999, chapter 5: least power at C_L² = 3 C_D0/K, least drag at C_L² = C_D0/K; in wind and beside a
     constant power the least energy for a distance is searched.
     """
-    bank = math.pi / 4 if isinstance(airframe, PaperVehicle) else math.radians(airframe.max_bank_deg)
+    bank = math.radians(airframe.max_bank_deg)
     low_mps, high_mps = airframe.level_speeds_mps()
     margin = STALL_MARGIN if isinstance(airframe, FixedWing) else 1.0
     speeds = min(margin * low_mps, max(high_mps, low_mps)), high_mps
@@ -210,7 +208,7 @@ def performance(
         return power_w(airspeed_mps) / (airspeed_mps - wind_mps)
 
     slow, far = _argmin(power_w, *speeds), _argmin(partial(ground_cost, 0.0), *speeds)
-    between_mps = None if isinstance(airframe, PaperVehicle) else airframe.airspeed_range_mps
+    between_mps = airframe.airspeed_range_mps
     decided = [] if between_mps is None else [*np.arange(between_mps[1], between_mps[0], -1.0).tolist(), between_mps[0]]
     winds = []
     for wind in winds_mps:

@@ -12,7 +12,15 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from eadp.core.arrays import Altitude, Efficiency, NotNegative, Watts
-from eadp.core.guidance import GRAVITY_MPS2, drag_n, induced_drag_factor, lift_coefficient, load_factor, turn_radius_m
+from eadp.core.guidance import (
+    GRAVITY_MPS2,
+    SEA_LEVEL_KGPM3,
+    drag_n,
+    induced_drag_factor,
+    lift_coefficient,
+    load_factor,
+    turn_radius_m,
+)
 from eadp.errors import EadpError
 from eadp.plug_ins import plug_in
 
@@ -91,9 +99,14 @@ class PaperVehicle:
     wind_in_lift: bool = False
     """Add the wind along the heading to the speed that lifts. Unphysical; the published flights do."""
 
+    takes_commands: ClassVar[Literal[False]] = False
     power_std_share: ClassVar[float] = LEVEL_SHARE
     airspeed_range_mps: ClassVar[None] = None
     speed_gain_per_s: ClassVar[float] = math.inf
+    air_density_kgpm3: ClassVar[float] = SEA_LEVEL_KGPM3
+    max_bank_deg: ClassVar[float] = 90.0  # no limit
+    roll_time_constant_s: ClassVar[float] = 0.0
+    climb_j_per_m: ClassVar[float] = 0.0
 
     published_triggers: bool = False
     """Triggers fire in a box of 20 m, neither armed nor passed, and the flight ends by position, as published."""
@@ -119,6 +132,14 @@ class PaperVehicle:
     def level_speeds_mps(self) -> tuple[float, float]:
         """Least and greatest airspeed of level flight [m/s]: the one whose lift carries the weight."""
         return self.airspeed_mps, self.airspeed_mps
+
+    def climb_rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
+        """No climb and no descent [m/s]: the altitude is held."""
+        return 0.0, 0.0
+
+    def flown_at(self, airspeed_mps: float) -> Self:
+        """The same: it has one airspeed."""
+        return self
 
     @property
     def max_motion_w(self) -> float:
@@ -186,6 +207,9 @@ class _Aeroplane:
 
     power_std_share: Annotated[float, Gt(0), Le(1)] = LEVEL_SHARE
     """Standard deviation of the power of level flight as it is stated here, as a share of it; flights measure it."""
+
+    takes_commands: ClassVar[Literal[True]] = True
+    """Whether it flies at commanded altitudes and airspeeds, within limits of bank and climb."""
 
     published_triggers: ClassVar[bool] = False
 

@@ -11,7 +11,7 @@ from eadp.errors import InputError
 from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_file, legend_below, write_headline
 from eadp.models.performance import Performance
 from eadp.models.profile import Profile, titles
-from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
+from eadp.models.vehicle import Airframe, FixedWing
 
 CURVES = 7
 """Most curves of one family: of more levels, some are left out, never the first and the last."""
@@ -101,7 +101,7 @@ def write_vehicle_figure(path: str, name: str, airframe: Airframe, found: Perfor
     """
     low, high = airframe.level_speeds_mps()
     speeds = np.linspace(low, max(min(high, ABOVE * max(found.airspeed_mps, found.range_mps)), low), 300)
-    banks = [0.0] if isinstance(airframe, PaperVehicle) else [0.0, 30.0, airframe.max_bank_deg]
+    banks = [0.0, 30.0, airframe.max_bank_deg] if airframe.takes_commands else [0.0]
     with figure_file(path, 7.0, 4.4) as figure:
         axes = figure.subplots()
         for bank, colour in zip(banks, COLOURS, strict=False):
