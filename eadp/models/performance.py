@@ -117,7 +117,7 @@ class WindPerformance:
     speeds: tuple[SpeedRange, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Performance:
     """An aircraft's performance: as it flies, at its best speeds, and in winds; None where its model has no such limit.
 
@@ -146,16 +146,16 @@ class Performance:
     level_power_w: float
     bank_power_w: float
     turn_radius_m: float
-    stall_mps: float | None
-    stall_in_turn_mps: float | None
+    stall_mps: float | None = None
+    stall_in_turn_mps: float | None = None
     endurance_mps: float
     endurance_w: float
     range_mps: float
     range_w: float
-    glide_ratio: float | None
-    glide_mps: float | None
-    max_speed_mps: float | None
-    climb_mps: float | None
+    glide_ratio: float | None = None
+    glide_mps: float | None = None
+    max_speed_mps: float | None = None
+    climb_mps: float | None = None
     winds: tuple[WindPerformance, ...]
     faults: tuple[str, ...]
 
@@ -216,33 +216,36 @@ def performance(
         best = flown(_argmin(partial(ground_cost, wind), low, speeds[1]), wind) if low <= speeds[1] else None
         each = tuple(flown(speed, wind) for speed in decided)
         winds.append(WindPerformance(wind, flown(airframe.airspeed_mps, wind), flown(slow, wind), best, each))
-    wing = airframe if isinstance(airframe, FixedWing) else None
-    climb_mps = None
     faults, watts = airframe.faults(), power_w(airframe.airspeed_mps)
     if watts > float(battery.max_power_w(battery.voltage_v)):
         faults.append(f"level flight: {battery.undeliverable(watts, 1.0)}")
-    if wing is not None:
+    of_wing: dict[str, float] = {}
+    if isinstance(airframe, FixedWing):
         # ḣ = (P_max − P) η / W
-        climb_mps = (wing.max_motion_w - wing.cruise_power_w) * wing.propulsive_efficiency / wing.weight_n
-        if 0 <= climb_mps < wing.max_climb_rate_mps:
-            faults.append(f"a climb of {wing.max_climb_rate_mps:g} m/s: the motor allows {climb_mps:.3g} m/s")
+        spare_w = airframe.max_motion_w - airframe.cruise_power_w
+        climb_mps = spare_w * airframe.propulsive_efficiency / airframe.weight_n
+        if 0 <= climb_mps < airframe.max_climb_rate_mps:
+            faults.append(f"a climb of {airframe.max_climb_rate_mps:g} m/s: the motor allows {climb_mps:.3g} m/s")
+        of_wing = {
+            "stall_mps": airframe.stall_mps,
+            "stall_in_turn_mps": airframe.stall_in_turn_mps(bank),
+            "glide_ratio": airframe.glide_ratio,
+            "glide_mps": airframe.glide_mps,
+            "max_speed_mps": high_mps,
+            "climb_mps": climb_mps,
+        }
     return Performance(
         airspeed_mps=airframe.airspeed_mps,
         level_power_w=airframe.cruise_power_w,
         bank_power_w=airframe.level_power_w(airframe.airspeed_mps, bank),
         turn_radius_m=airframe.turn_radius_m,
-        stall_mps=None if wing is None else wing.stall_mps,
-        stall_in_turn_mps=None if wing is None else wing.stall_mps / math.sqrt(math.cos(bank)),
         endurance_mps=slow,
         endurance_w=power_w(slow),
         range_mps=far,
         range_w=power_w(far),
-        glide_ratio=None if wing is None else wing.glide_ratio,
-        glide_mps=None if wing is None else wing.glide_mps,
-        max_speed_mps=None if wing is None else high_mps,
-        climb_mps=climb_mps,
         winds=tuple(winds),
         faults=tuple(faults),
+        **of_wing,
     )
 
 

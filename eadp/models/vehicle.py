@@ -17,7 +17,6 @@ from eadp.core.guidance import (
     SEA_LEVEL_KGPM3,
     drag_n,
     induced_drag_factor,
-    lift_coefficient,
     load_factor,
     turn_radius_m,
 )
@@ -356,15 +355,18 @@ class FixedWing(_Aeroplane):
 
     def slowest_mps(self, bank_rad: float) -> float:
         """Least airspeed that is flown on purpose [m/s]: `STALL_MARGIN` times that of the stall in turns of a bank."""
-        return STALL_MARGIN * self.stall_mps * math.sqrt(load_factor(bank_rad))
+        return STALL_MARGIN * self.stall_in_turn_mps(bank_rad)
+
+    def _level_mps(self, lift_coefficient: float) -> float:
+        """Airspeed of straight level flight with a lift coefficient [m/s]."""
+        # V = √(2 W / (ρ S C_L))
+        return math.sqrt(2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * lift_coefficient))
 
     @property
     def glide_mps(self) -> float:
         """Airspeed of least drag [m/s]: where C_L² = C_D0/K, or the stall's above it. Source: Anderson 1999."""
         lift = math.sqrt(self.zero_lift_drag_coefficient / self.induced_drag)
-        return math.sqrt(
-            2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * min(lift, self.max_lift_coefficient))
-        )
+        return self._level_mps(min(lift, self.max_lift_coefficient))
 
     @property
     def glide_ratio(self) -> float:
@@ -374,19 +376,18 @@ class FixedWing(_Aeroplane):
     @property
     def stall_mps(self) -> float:
         """Airspeed at which the wing stalls in straight flight [m/s]."""
-        return math.sqrt(2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * self.max_lift_coefficient))
+        return self._level_mps(self.max_lift_coefficient)
 
-    def lift_coefficient(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
-        """C_L in level flight."""
-        load = self.weight_n * load_factor(bank_rad)
-        return lift_coefficient(load, airspeed_mps, self.wing_area_m2, self.air_density_kgpm3)
+    def stall_in_turn_mps(self, bank_rad: float) -> float:
+        """Airspeed at which the wing stalls in a turn of a bank [m/s]."""
+        return self.stall_mps * math.sqrt(load_factor(bank_rad))
 
     def faults(self) -> list[str]:
         """Why the aeroplane cannot hold its airspeed and bank; empty if it can."""
         found = self.range_faults()
         if self.airspeed_mps <= self.stall_mps:
             found.append(f"an airspeed of {self.airspeed_mps:g} m/s is below the stall's {self.stall_mps:.1f} m/s")
-        elif self.lift_coefficient(self.airspeed_mps, math.radians(self.max_bank_deg)) > self.max_lift_coefficient:
+        elif self.airspeed_mps < self.stall_in_turn_mps(math.radians(self.max_bank_deg)):
             found.append(f"at a bank of {self.max_bank_deg:g}° and {self.airspeed_mps:g} m/s the wing stalls")
         motor_w = self.cruise_power_w - self.avionics_w
         if motor_w > self.max_power_w:
