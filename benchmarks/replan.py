@@ -36,9 +36,10 @@ import numpy as np
 from measured import options, recorded, table
 
 from eadp.core import compiled
-from eadp.core.signals import design_matrix, output_row, rotation_matrix
+from eadp.core.signals import output_row
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
+from eadp.measure.spectrum import design_matrix
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
@@ -46,6 +47,7 @@ from eadp.models.profile import Profile
 from eadp.models.vehicle import PaperVehicle
 from eadp.papers import horizon
 from eadp.papers.estimator import EstimatorSettings, ExactEstimator
+from eadp.papers.forecasting import rotation_matrix
 from eadp.papers.horizon import HorizonForecast, HorizonSolution
 from eadp.papers.planner import PaperPlanner, PaperSettings
 from eadp.planning.base import Mission, Observation, PlannerSettings, Sample

@@ -35,7 +35,7 @@ from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import LAND, TAKEOFF, Leg, Stage, leg_points
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
 from eadp.models.profile import Profile, configuration_text
-from eadp.models.vehicle import Airframe, PaperVehicle
+from eadp.models.vehicle import Airframe
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.forecast.held import Preflight
@@ -272,7 +272,7 @@ def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source,
         expected = "its aircraft, as --scenario or --set vehicle=FILE"
         warnings.append(Fault(text.name, 1, 1, message, expected, severity="note"))
     commanded = any(stage.altitude_m is not None or stage.airspeed_mps is not None for stage in plan.stages)
-    if isinstance(vehicle, PaperVehicle) and commanded:
+    if commanded and not vehicle.takes_commands:
         message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
@@ -397,7 +397,7 @@ def _check_aircraft(plan: Plan, text: Source, scenario: Scenario) -> None:
         message = f"a wind of {wind_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
         key = "wind.profile" if scenario.keys.wind.profile else "wind.speed_mps"
         raise InputError(scenario.fault(key, message, "a wind below the airspeed"))
-    if isinstance(vehicle, PaperVehicle):
+    if not vehicle.takes_commands:
         return
     checked = {stage.airspeed_mps: stage for stage in reversed(plan.stages) if stage.airspeed_mps is not None}
     faults = []
@@ -428,7 +428,7 @@ def _nominal_s(plan: Plan, parameters: Vector, scenario: Scenario, start: Point)
     except PathUndefined:
         return math.inf, []
     wind_mps, vehicle, found = scenario.keys.wind.steady_mps, scenario.keys.vehicle.airframe, dict[int, Overshoot]()
-    if not isinstance(vehicle, PaperVehicle):
+    if vehicle.takes_commands:
         found = overshoots(route, vehicle, scenario.keys.guidance, wind_mps)
     excess_s = sum(found[i].excess.seconds for i in route.stages.tolist() if i in found)
     return float(route.times_s(vehicle.airspeed_mps, wind_mps)[0].sum()) + excess_s, [*found.values()]
@@ -442,7 +442,7 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     # a plan takes off by command, a mission from the origin
     from_ground = plan.stages[0].command(TAKEOFF) or (commanded and plan.site.start_m == (0.0, 0.0))
     here = scenario.position_m("start", plan.site.origin_deg) is None
-    if from_ground and here and not isinstance(vehicle, PaperVehicle):
+    if from_ground and here and vehicle.takes_commands:
         return 0.0
     first_m = plan.stages[0].altitude_m
     return vehicle.cruise_altitude_m if first_m is None else first_m

@@ -32,7 +32,14 @@ from typing import IO, Any, NamedTuple
 from eadp.core.expressions import algebra
 from eadp.core.expressions.algebra import SIZE_LIMIT, SymbolicStage
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import PARAMETER, Expression, difference, substituted
+from eadp.core.expressions.tree import (
+    LENGTH_LIMIT,
+    NON_SMOOTH_FUNCTIONS,
+    PARAMETER,
+    Expression,
+    difference,
+    substituted,
+)
 from eadp.errors import EadpError, ExpressionError, InputError
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PointExpression, Stage
@@ -169,22 +176,93 @@ def _limited(limit_s: float) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
-def _remainder(text: str, names: Sequence[str]) -> str | None:
-    return algebra.remainder(read_expression(text, names))
+def remainder(text: str, names: Sequence[str]) -> str | None:
+    """An expression multiplied out by sympy, in its syntax: '0' where it is 0 for every value.
+
+    None where that is undecided, or the text is longer than an expression may be.
+    """
+    sympy, expression = algebra.load_sympy(), read_expression(text, names)
+    value = sympy.expand(algebra.limited(expression))
+    if value != 0 and algebra.is_zero(expression.node):
+        return "0" if sympy.simplify(value) == 0 else None
+    found = str(sympy.sstr(value))
+    return None if value.has(sympy.nan, sympy.zoo, sympy.oo) or len(found) > LENGTH_LIMIT else found
 
 
-def _same_direction(
-    here: Sequence[str],
-    there: Sequence[str],
+def same_direction(
+    stage: Sequence[str],
+    after: Sequence[str],
     names: Sequence[str],
     sense: int,
     ranges: Mapping[str, tuple[float, float]],
 ) -> bool | None:
-    return algebra.same_direction(_stage(here, names), _stage(there, names), sense, ranges)
+    """Whether the gradients of two paths, each at the trigger that comes with it, are parallel for all parameters.
+
+    Parameters
+    ----------
+    stage, after : sequence of str
+        As `texts_of` has them: the trigger of each is the point where they meet, in the frame of its own path.
+    names : sequence of str
+        Of loop variables.
+    sense : int
+        +1: they shall point the same way; −1: opposite ways.
+    ranges : mapping of str to (float, float)
+        The sets of the parameters; a name that is not in it may have any value.
+
+    Returns
+    -------
+    bool or None
+        None: undecided.
+    """
+    sympy, (x, y) = algebra.load_sympy(), algebra.coordinates()
+    here, there = _stage(stage, names), _stage(after, names)
+    ax, ay = here.gradient.xreplace({x: here.trigger[0], y: here.trigger[1]})
+    bx, by = there.gradient.xreplace({x: there.trigger[0], y: there.trigger[1]})
+    across = remainder(*_text_of(sympy.expand(ax * by - ay * bx)))
+    if across != "0":
+        return None if across is None else False
+    # the sign of a·b over the box of the sets, by interval arithmetic on exact numbers
+    intervals = {
+        sympy.Symbol(name, real=True): sympy.AccumBounds(sympy.Rational(repr(lo)), sympy.Rational(repr(hi)))
+        for name, (lo, hi) in ranges.items()
+    }
+    along = sympy.expand(sense * (ax * bx + ay * by)).subs(intervals)
+    lowest, highest = (along.min, along.max) if isinstance(along, sympy.AccumBounds) else (along, along)
+    return True if lowest.is_positive else False if highest.is_negative else None
 
 
-def _lines(stage: Sequence[str], names: Sequence[str], index: int, style: str) -> list[str]:
-    return _stage(stage, names).lines(index, style)
+def _text_of(value: Any) -> tuple[str, list[str]]:
+    """A sympy tree in the language of plans, and the names in it; in sympy's own where plans have no such function."""
+    text = str(algebra.load_sympy().sstr(value, order="none"))
+    for name in NON_SMOOTH_FUNCTIONS:
+        text = text.replace(f"{name.title()}(", f"{name}(")
+    return text, [symbol.name for symbol in value.free_symbols]
+
+
+def lines(texts: Sequence[str], names: Sequence[str], index: int, style: str) -> list[str]:
+    """The expressions of a stage in sympy's plain syntax, each with its name as a comment, or as LaTeX.
+
+    Parameters
+    ----------
+    texts, names, index : sequences of str, int
+        The stage as `texts_of` has it, its loop variables and its number.
+    style : str
+        `sympy` or `latex`.
+    """
+    sympy, stage = algebra.load_sympy(), _stage(texts, names)
+    if style == "latex":
+        labelled = {
+            rf"\varphi_{{{index}}}": stage.path,
+            rf"\nabla \varphi_{{{index}}}": stage.gradient,
+            rf"\nabla^{{2}} \varphi_{{{index}}}": stage.hessian,
+            rf"\mathbf{{p}}_{{\Gamma_{{{index}}}}}": stage.trigger,
+        }
+        return [f"{name} = {sympy.latex(value)}" for name, value in labelled.items()]
+    (xx, xy), (_, yy) = stage.hessian.tolist()
+    values = (stage.path, *stage.gradient, xx, xy, yy, *stage.trigger)
+    labels = [f"phi_{index}{d}" for d in ("", "_x", "_y", "_xx", "_xy", "_yy")]
+    labels += [f"trigger_{index}_x", f"trigger_{index}_y"]
+    return [f"{sympy.sstr(value)}  # {name}" for name, value in zip(labels, values, strict=True)]
 
 
 def _stage(texts: Sequence[str], names: Sequence[str]) -> SymbolicStage:
@@ -193,9 +271,9 @@ def _stage(texts: Sequence[str], names: Sequence[str]) -> SymbolicStage:
 
 
 QUESTIONS: Mapping[str, Callable[..., Any]] = {
-    "remainder": _remainder,
-    "same_direction": _same_direction,
-    "lines": _lines,
+    "remainder": remainder,
+    "same_direction": same_direction,
+    "lines": lines,
 }
 
 

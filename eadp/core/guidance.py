@@ -135,12 +135,6 @@ def dynamic_pressure_pa(airspeed_mps: float, density_kgpm3: float) -> float:
     return 0.5 * density_kgpm3 * airspeed_mps * airspeed_mps
 
 
-def lift_coefficient(load_n: float, airspeed_mps: float, area_m2: float, density_kgpm3: float) -> float:
-    """C_L of a wing that carries a load [N] at an airspeed [m/s]."""
-    # n W = q S C_L
-    return load_n / (dynamic_pressure_pa(airspeed_mps, density_kgpm3) * area_m2)
-
-
 def drag_n(
     load_n: float, airspeed_mps: float, area_m2: float, density_kgpm3: float, zero_lift_drag: float, induced_drag: float
 ) -> float:

@@ -33,89 +33,6 @@ def output_row(order: int) -> FloatArray:
     return row
 
 
-def rotation_matrix(order: int, period_s: float, step_s: float) -> FloatArray:
-    """The exact step of the state, e^{A Δt}: one rotation for each harmonic.
-
-    Parameters
-    ----------
-    order : int
-        Number of harmonics r, 0 or more.
-    period_s : float
-        T [s], above 0.
-    step_s : float
-        Δt [s], of any size and sign.
-
-    Returns
-    -------
-    array, shape (2r + 1, 2r + 1)
-
-    Source: letter, Eqs. 4 and 6.
-    """
-    harmonic = np.arange(1, order + 1)
-    angle = 2 * np.pi / period_s * harmonic * step_s
-    cosine, sine = 2 * harmonic - 1, 2 * harmonic  # where α_j and β_j stand in the state
-    matrix = np.eye(2 * order + 1)
-    # A_j = [[0, ωj], [−ωj, 0]]  →  e^{A_j Δt} = [[cos ωjΔt, sin ωjΔt], [−sin ωjΔt, cos ωjΔt]]
-    matrix[cosine, cosine] = matrix[sine, sine] = np.cos(angle)
-    matrix[cosine, sine] = np.sin(angle)
-    matrix[sine, cosine] = -np.sin(angle)
-    return matrix
-
-
-def rotated(state_w: ArrayLike, period_s: float | None, ahead_s: FloatArray) -> FloatArray:
-    """The states that a state leads to, e^{A t} q, at many times ahead.
-
-    Parameters
-    ----------
-    state_w : array, shape (2r + 1,)
-        q now [W].
-    period_s : float or None
-        T [s], above 0; None without harmonics.
-    ahead_s : array, shape (n,)
-        Times from now [s].
-
-    Returns
-    -------
-    array, shape (n, 2r + 1)
-        States [W].
-
-    Source: letter, Eqs. 4 and 6.
-    """
-    state = np.asarray(state_w, dtype=float)
-    states = np.repeat(state[None], len(ahead_s), axis=0)
-    if period_s is not None and len(state) > 1:
-        angle = 2 * np.pi / period_s * np.arange(1, (len(state) + 1) // 2) * ahead_s[:, None]
-        cosine, sine = np.cos(angle), np.sin(angle)
-        states[:, 1::2] = cosine * state[1::2] + sine * state[2::2]
-        states[:, 2::2] = cosine * state[2::2] - sine * state[1::2]
-    return states
-
-
-def design_matrix(times_s: FloatArray, frequency_hz: float, order: int) -> FloatArray:
-    """Columns of harmonic least squares: 1, cos, sin, cos 2, sin 2, …, so that lower orders lead.
-
-    Parameters
-    ----------
-    times_s : array, shape (n,)
-        Times [s].
-    frequency_hz : float
-        1/T [Hz].
-    order : int
-        Number of harmonics r, 0 or more.
-
-    Returns
-    -------
-    array, shape (n, 2r + 1)
-    """
-    turn = np.exp(2j * np.pi * frequency_hz * times_s)
-    columns = np.ones((2 * order + 1, len(times_s)))
-    power = turn
-    for harmonic in range(1, order + 1):
-        columns[2 * harmonic - 1], columns[2 * harmonic] = power.real, power.imag
-        power = power * turn
-    return columns.T
-
-
 def signal_w(times_s: ArrayLike, a: ArrayLike, b: ArrayLike, period_s: float) -> FloatArray:
     """The papers' Fourier series at many times at once.
 
@@ -186,26 +103,6 @@ def state_of_phases(mean_w: float, amplitude_w: ArrayLike, phase_rad: ArrayLike)
     # A cos(ωjt + φ) = A cos φ · cos ωjt − A sin φ · sin ωjt
     state[0], state[1::2], state[2::2] = mean_w, amplitude * np.cos(phase), -amplitude * np.sin(phase)
     return state
-
-
-def phases_of_state(state_w: ArrayLike) -> tuple[float, FloatArray, FloatArray]:
-    """Mean, amplitudes and phases of a state: the inverse of `state_of_phases`.
-
-    Parameters
-    ----------
-    state_w : array, shape (2r + 1,)
-        q at t = 0 [W].
-
-    Returns
-    -------
-    mean_w : float
-        Mean power [W].
-    amplitude_w, phase_rad : array, shape (r,)
-        Amplitudes, 0 or more [W], and phases in (−π, π] [rad].
-    """
-    state = np.asarray(state_w, dtype=float)
-    cosine, sine = state[1::2], state[2::2]
-    return float(state[0]), np.hypot(cosine, sine), np.arctan2(-sine, cosine)
 
 
 class SampleMean(NamedTuple):

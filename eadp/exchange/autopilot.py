@@ -27,7 +27,7 @@ from eadp.models.autopilot import ARDUPILOT, FACTORY, LANDING_ANGLE, LIMITS, OLD
 from eadp.models.battery import Battery
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
-from eadp.models.vehicle import Airframe, PaperVehicle
+from eadp.models.vehicle import Airframe
 
 INT32, FLOAT = 6, 9
 """MAVLink's types of whole numbers of 32 bits, and of numbers in single precision."""
@@ -96,7 +96,7 @@ def wanted_parameters(
     """
     radius_m, speed = round(plan.min_radius_m or airframe.turn_radius_m), airframe.airspeed_mps
     speed = round(speed * calibrated_over_true(plan.site, airframe), 3)
-    bank_deg = math.nan if isinstance(airframe, PaperVehicle) else airframe.max_bank_deg
+    bank_deg = airframe.max_bank_deg if airframe.takes_commands else math.nan
     slope_deg = landing_slope_deg(plan, airframe.cruise_altitude_m)
     lands = bool(plan.stages[-1].command(LAND))
     altitudes_m = [airframe.cruise_altitude_m if each.altitude_m is None else each.altitude_m for each in plan.stages]
@@ -114,7 +114,7 @@ def wanted_parameters(
         (math.nan if lands else NO_LANDING, "", "MIS_TKO_LAND_REQ", AT_MOST),
         (slope_deg, "", "FW_LND_ANG", AT_LEAST),
         # the way home: clear of what is below it, and to the landing, without which ArduPilot does not arm one
-        (math.nan if isinstance(airframe, PaperVehicle) else home_m, "RTL_ALTITUDE", "RTL_RETURN_ALT", AT_LEAST),
+        (home_m if airframe.takes_commands else math.nan, "RTL_ALTITUDE", "RTL_RETURN_ALT", AT_LEAST),
         (RETURN_LANDS if lands else math.nan, "RTL_AUTOLAND", "", EXACTLY),
         (FLIES_LANDING if lands else math.nan, "", "RTL_TYPE", EXACTLY),
     ]

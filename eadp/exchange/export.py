@@ -42,7 +42,7 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.stage import TRIGGER_DISTANCE, Leg, leg_points
 from eadp.models.plan.trace import nominal_route, zone_findings
-from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
+from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.forecast.held import Preflight
 from eadp.plug_ins import plug_in
 
@@ -176,7 +176,7 @@ def _forecast(
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle
     name = inputs.sources["plan"].name
-    if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
+    if options.altitude_m is None and not airframe.takes_commands:
         stated, _ = plan_of(given, lambda _: None)
         if any(stage.altitude_m is not None for stage in stated.stages):
             message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
@@ -259,8 +259,6 @@ def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
 
 def _climb_deg(airframe: Airframe) -> float:
     """Angle of the steepest climb at the airspeed in whole degrees, as ArduPilot holds it; 0 where none is modelled."""
-    if isinstance(airframe, PaperVehicle):
-        return 0.0
     climb_mps, _ = airframe.climb_rates_mps(airframe.airspeed_mps)
     return float(round(math.degrees(math.asin(min(1.0, climb_mps / airframe.airspeed_mps)))))
 

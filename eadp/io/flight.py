@@ -18,7 +18,6 @@ from eadp.models.battery import LOSS
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import TRIGGER_DISTANCE
 from eadp.models.plan.trace import nominal_legs
-from eadp.models.vehicle import PaperVehicle
 
 
 def setting_text(scenario: Scenario) -> str:
@@ -27,7 +26,7 @@ def setting_text(scenario: Scenario) -> str:
     airframe, battery, wind = keys.vehicle.airframe, keys.battery, keys.wind
     east, north = wind.steady_mps
     speed = wind.steady_speed_mps
-    mass = "" if isinstance(airframe, PaperVehicle) else f" of {airframe.mass_kg:g} kg"
+    mass = f" of {airframe.mass_kg:g} kg" if airframe.takes_commands else ""
     stated = f", by its data sheet: power ± {100 * airframe.power_std_share:.0f} %" if keys.vehicle.data_sheet else ""
     stated_ohm = "resistance_ohm" in battery_keys(scenario.document, keys.vehicle.battery) or battery.cells is None
     assumed = "" if stated_ohm else f" (assumed: {1000 * battery.resistance_ohm:.3g} mΩ)"

@@ -49,7 +49,7 @@ from eadp.models.battery import Battery, BatteryFault
 from eadp.models.plan.cursor import Rules
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box, Parameter
-from eadp.models.vehicle import Guidance, PaperVehicle
+from eadp.models.vehicle import Guidance
 from eadp.models.weather import Sensors, Wind
 from eadp.planning.base import PlannerSettings, SharedSettings
 from eadp.planning.registry import DEFAULT, PLANNERS, is_planner, planner_class, planner_names
@@ -577,9 +577,9 @@ def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     faults = []
     if any(after[0] <= before[0] for before, after in itertools.pairwise(keys.wind.profile)):
         faults.append(document.fault(("wind", "profile"), "wind.profile is not in order of time", "times that rise"))
-    if keys.guidance.k_d < 0 and not isinstance(keys.vehicle.airframe, PaperVehicle):
+    if keys.guidance.k_d < 0 and keys.vehicle.airframe.takes_commands:
         message = "guidance.k_d is negative: the aircraft turns away from its path"
-        faults.append(document.fault(("guidance", "k_d"), message, f"0 or more, but for {PaperVehicle.model} aircraft"))
+        faults.append(document.fault(("guidance", "k_d"), message, "0 or more, but for paper aircraft"))
     if not is_planner(keys.planner.name):
         message = f"unknown planner {printable(keys.planner.name, 60)}"
         faults.append(document.fault(("planner", "name"), message, one_of(planner_names(), keys.planner.name)))

@@ -34,7 +34,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft, optimize, special
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.signals import design_matrix, phases_of_state
 from eadp.errors import Infeasible
 from eadp.measure.noise import LikelihoodScan, NoiseModel, TimeBins, binned, tail
 
@@ -730,6 +729,31 @@ def _minimise(samples: _Samples, frequency_hz: float, order: int) -> float:
     return frequency_hz + float(found.x) * step_hz
 
 
+def design_matrix(times_s: FloatArray, frequency_hz: float, order: int) -> FloatArray:
+    """Columns of harmonic least squares: 1, cos, sin, cos 2, sin 2, …, so that lower orders lead.
+
+    Parameters
+    ----------
+    times_s : array, shape (n,)
+        Times [s].
+    frequency_hz : float
+        1/T [Hz].
+    order : int
+        Number of harmonics r, 0 or more.
+
+    Returns
+    -------
+    array, shape (n, 2r + 1)
+    """
+    turn = np.exp(2j * np.pi * frequency_hz * times_s)
+    columns = np.ones((2 * order + 1, len(times_s)))
+    power = turn
+    for harmonic in range(1, order + 1):
+        columns[2 * harmonic - 1], columns[2 * harmonic] = power.real, power.imag
+        power = power * turn
+    return columns.T
+
+
 def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray, float]:
     """Coefficients [W] and the squared error that remains [W²]."""
     columns = design_matrix(samples.times_s, frequency_hz, order)
@@ -886,16 +910,16 @@ def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> Floa
 
 def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float, range_s: tuple[float, float]) -> Spectrum:
     fitted, error = _fit(samples, found.frequency_hz, order)
-    offset_w, amplitude, phase = phases_of_state(fitted)
+    cosine, sine = fitted[1::2], fitted[2::2]
     mean_std_w, amplitude_std_w = _coefficient_std_w(samples, found, fitted)
     return Spectrum(
         period_s=1 / found.frequency_hz,
         period_std_s=found.std_s,
-        mean_w=mean_w + offset_w,
+        mean_w=mean_w + float(fitted[0]),
         mean_std_w=mean_std_w,
-        amplitude_w=amplitude,
+        amplitude_w=np.hypot(cosine, sine),
         amplitude_std_w=amplitude_std_w,
-        phase_rad=phase,
+        phase_rad=np.arctan2(-sine, cosine),
         noise_std_w=math.sqrt(error / (len(samples.times_s) - 2 * order - 2)),
         cv_r2=_cv_r2(samples, found.frequency_hz, order),
         chance=found.chance,

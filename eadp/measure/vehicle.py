@@ -19,7 +19,7 @@ from eadp.measure.formats import read_power_log
 from eadp.measure.noise import regressed
 from eadp.measure.power import FitOptions, log_part
 from eadp.measure.power_log import AIRSPEED, ALTITUDE, BANK, CLIMB, DENSITY, Columns, PowerLog
-from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
+from eadp.models.vehicle import FixedWing, PowerCurve
 
 POINTS = 5
 ASSUMED_EFFICIENCY = PowerCurve.propulsive_efficiency
@@ -155,7 +155,7 @@ def fit_vehicle(
     """
     known = read_vehicle(read_text(str(base))) if base else None
     wing = None if known is None else known.airframe
-    if isinstance(wing, PaperVehicle):
+    if wing is not None and not wing.takes_commands:
         raise InputError.at("--base", 1, 1, "an aircraft of model paper", "model fixed-wing or power-curve", str(base))
     FitOptions(start_s=start_s, end_s=end_s).check()
     read = log_part(read_power_log(str(log), replace(columns or Columns(), motion=True)), start_s, end_s, {})

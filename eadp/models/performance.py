@@ -13,7 +13,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.guidance import air_density_kgpm3, calibrated_share
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Site
-from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
+from eadp.models.vehicle import Airframe, FixedWing
 
 SPEEDS = 2001
 """Airspeeds that a best one is searched among, before it is refined."""
@@ -42,7 +42,7 @@ def calibrated_over_true(site: Site, airframe: Airframe) -> float:
     """
     if site.above_sea_m is not None:
         return float(calibrated_share(air_density_kgpm3(site.above_sea_m)))
-    return 1.0 if isinstance(airframe, PaperVehicle) else float(calibrated_share(airframe.air_density_kgpm3))
+    return float(calibrated_share(airframe.air_density_kgpm3))
 
 
 def ground_radius_m(airframe: Airframe, airspeed_mps: float, wind_mps: float) -> float:
@@ -58,8 +58,6 @@ def roll_out_m(airframe: Airframe, ground_mps: float) -> float:
 
     Source: the airframe's first-order roll.
     """
-    if isinstance(airframe, PaperVehicle):
-        return 0.0
     # φ = φ_max e^(−t/τ)
     return ground_mps * airframe.roll_time_constant_s * max(0.0, math.log(airframe.max_bank_deg / LEVEL_DEG))
 
@@ -119,7 +117,7 @@ class WindPerformance:
     speeds: tuple[SpeedRange, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Performance:
     """An aircraft's performance: as it flies, at its best speeds, and in winds; None where its model has no such limit.
 
@@ -148,16 +146,16 @@ class Performance:
     level_power_w: float
     bank_power_w: float
     turn_radius_m: float
-    stall_mps: float | None
-    stall_in_turn_mps: float | None
+    stall_mps: float | None = None
+    stall_in_turn_mps: float | None = None
     endurance_mps: float
     endurance_w: float
     range_mps: float
     range_w: float
-    glide_ratio: float | None
-    glide_mps: float | None
-    max_speed_mps: float | None
-    climb_mps: float | None
+    glide_ratio: float | None = None
+    glide_mps: float | None = None
+    max_speed_mps: float | None = None
+    climb_mps: float | None = None
     winds: tuple[WindPerformance, ...]
     faults: tuple[str, ...]
 
@@ -190,7 +188,7 @@ def performance(
     Source: Anderson 1999, chapter 5: least power at C_L² = 3 C_D0/K, least drag at C_L² = C_D0/K; in wind and beside a
     constant power the least energy for a distance is searched.
     """
-    bank = math.pi / 4 if isinstance(airframe, PaperVehicle) else math.radians(airframe.max_bank_deg)
+    bank = math.radians(airframe.max_bank_deg)
     low_mps, high_mps = airframe.level_speeds_mps()
     margin = STALL_MARGIN if isinstance(airframe, FixedWing) else 1.0
     speeds = min(margin * low_mps, max(high_mps, low_mps)), high_mps
@@ -210,7 +208,7 @@ def performance(
         return power_w(airspeed_mps) / (airspeed_mps - wind_mps)
 
     slow, far = _argmin(power_w, *speeds), _argmin(partial(ground_cost, 0.0), *speeds)
-    between_mps = None if isinstance(airframe, PaperVehicle) else airframe.airspeed_range_mps
+    between_mps = airframe.airspeed_range_mps
     decided = [] if between_mps is None else [*np.arange(between_mps[1], between_mps[0], -1.0).tolist(), between_mps[0]]
     winds = []
     for wind in winds_mps:
@@ -218,33 +216,36 @@ def performance(
         best = flown(_argmin(partial(ground_cost, wind), low, speeds[1]), wind) if low <= speeds[1] else None
         each = tuple(flown(speed, wind) for speed in decided)
         winds.append(WindPerformance(wind, flown(airframe.airspeed_mps, wind), flown(slow, wind), best, each))
-    wing = airframe if isinstance(airframe, FixedWing) else None
-    climb_mps = None
     faults, watts = airframe.faults(), power_w(airframe.airspeed_mps)
     if watts > float(battery.max_power_w(battery.voltage_v)):
         faults.append(f"level flight: {battery.undeliverable(watts, 1.0)}")
-    if wing is not None:
+    of_wing: dict[str, float] = {}
+    if isinstance(airframe, FixedWing):
         # ḣ = (P_max − P) η / W
-        climb_mps = (wing.max_motion_w - wing.cruise_power_w) * wing.propulsive_efficiency / wing.weight_n
-        if 0 <= climb_mps < wing.max_climb_rate_mps:
-            faults.append(f"a climb of {wing.max_climb_rate_mps:g} m/s: the motor allows {climb_mps:.3g} m/s")
+        spare_w = airframe.max_motion_w - airframe.cruise_power_w
+        climb_mps = spare_w * airframe.propulsive_efficiency / airframe.weight_n
+        if 0 <= climb_mps < airframe.max_climb_rate_mps:
+            faults.append(f"a climb of {airframe.max_climb_rate_mps:g} m/s: the motor allows {climb_mps:.3g} m/s")
+        of_wing = {
+            "stall_mps": airframe.stall_mps,
+            "stall_in_turn_mps": airframe.stall_in_turn_mps(bank),
+            "glide_ratio": airframe.glide_ratio,
+            "glide_mps": airframe.glide_mps,
+            "max_speed_mps": high_mps,
+            "climb_mps": climb_mps,
+        }
     return Performance(
         airspeed_mps=airframe.airspeed_mps,
         level_power_w=airframe.cruise_power_w,
         bank_power_w=airframe.level_power_w(airframe.airspeed_mps, bank),
         turn_radius_m=airframe.turn_radius_m,
-        stall_mps=None if wing is None else wing.stall_mps,
-        stall_in_turn_mps=None if wing is None else wing.stall_mps / math.sqrt(math.cos(bank)),
         endurance_mps=slow,
         endurance_w=power_w(slow),
         range_mps=far,
         range_w=power_w(far),
-        glide_ratio=None if wing is None else wing.glide_ratio,
-        glide_mps=None if wing is None else wing.glide_mps,
-        max_speed_mps=None if wing is None else high_mps,
-        climb_mps=climb_mps,
         winds=tuple(winds),
         faults=tuple(faults),
+        **of_wing,
     )
 
 

@@ -12,7 +12,14 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from eadp.core.arrays import Altitude, Efficiency, NotNegative, Watts
-from eadp.core.guidance import GRAVITY_MPS2, drag_n, induced_drag_factor, lift_coefficient, load_factor, turn_radius_m
+from eadp.core.guidance import (
+    GRAVITY_MPS2,
+    SEA_LEVEL_KGPM3,
+    drag_n,
+    induced_drag_factor,
+    load_factor,
+    turn_radius_m,
+)
 from eadp.errors import EadpError
 from eadp.plug_ins import plug_in
 
@@ -91,9 +98,14 @@ class PaperVehicle:
     wind_in_lift: bool = False
     """Add the wind along the heading to the speed that lifts. Unphysical; the published flights do."""
 
+    takes_commands: ClassVar[Literal[False]] = False
     power_std_share: ClassVar[float] = LEVEL_SHARE
     airspeed_range_mps: ClassVar[None] = None
     speed_gain_per_s: ClassVar[float] = math.inf
+    air_density_kgpm3: ClassVar[float] = SEA_LEVEL_KGPM3
+    max_bank_deg: ClassVar[float] = 90.0  # no limit
+    roll_time_constant_s: ClassVar[float] = 0.0
+    climb_j_per_m: ClassVar[float] = 0.0
 
     published_triggers: bool = False
     """Triggers fire in a box of 20 m, neither armed nor passed, and the flight ends by position, as published."""
@@ -119,6 +131,14 @@ class PaperVehicle:
     def level_speeds_mps(self) -> tuple[float, float]:
         """Least and greatest airspeed of level flight [m/s]: the one whose lift carries the weight."""
         return self.airspeed_mps, self.airspeed_mps
+
+    def climb_rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
+        """No climb and no descent [m/s]: the altitude is held."""
+        return 0.0, 0.0
+
+    def flown_at(self, airspeed_mps: float) -> Self:
+        """The same: it has one airspeed."""
+        return self
 
     @property
     def max_motion_w(self) -> float:
@@ -186,6 +206,9 @@ class _Aeroplane:
 
     power_std_share: Annotated[float, Gt(0), Le(1)] = LEVEL_SHARE
     """Standard deviation of the power of level flight as it is stated here, as a share of it; flights measure it."""
+
+    takes_commands: ClassVar[Literal[True]] = True
+    """Whether it flies at commanded altitudes and airspeeds, within limits of bank and climb."""
 
     published_triggers: ClassVar[bool] = False
 
@@ -332,15 +355,18 @@ class FixedWing(_Aeroplane):
 
     def slowest_mps(self, bank_rad: float) -> float:
         """Least airspeed that is flown on purpose [m/s]: `STALL_MARGIN` times that of the stall in turns of a bank."""
-        return STALL_MARGIN * self.stall_mps * math.sqrt(load_factor(bank_rad))
+        return STALL_MARGIN * self.stall_in_turn_mps(bank_rad)
+
+    def _level_mps(self, lift_coefficient: float) -> float:
+        """Airspeed of straight level flight with a lift coefficient [m/s]."""
+        # V = √(2 W / (ρ S C_L))
+        return math.sqrt(2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * lift_coefficient))
 
     @property
     def glide_mps(self) -> float:
         """Airspeed of least drag [m/s]: where C_L² = C_D0/K, or the stall's above it. Source: Anderson 1999."""
         lift = math.sqrt(self.zero_lift_drag_coefficient / self.induced_drag)
-        return math.sqrt(
-            2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * min(lift, self.max_lift_coefficient))
-        )
+        return self._level_mps(min(lift, self.max_lift_coefficient))
 
     @property
     def glide_ratio(self) -> float:
@@ -350,19 +376,18 @@ class FixedWing(_Aeroplane):
     @property
     def stall_mps(self) -> float:
         """Airspeed at which the wing stalls in straight flight [m/s]."""
-        return math.sqrt(2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * self.max_lift_coefficient))
+        return self._level_mps(self.max_lift_coefficient)
 
-    def lift_coefficient(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
-        """C_L in level flight."""
-        load = self.weight_n * load_factor(bank_rad)
-        return lift_coefficient(load, airspeed_mps, self.wing_area_m2, self.air_density_kgpm3)
+    def stall_in_turn_mps(self, bank_rad: float) -> float:
+        """Airspeed at which the wing stalls in a turn of a bank [m/s]."""
+        return self.stall_mps * math.sqrt(load_factor(bank_rad))
 
     def faults(self) -> list[str]:
         """Why the aeroplane cannot hold its airspeed and bank; empty if it can."""
         found = self.range_faults()
         if self.airspeed_mps <= self.stall_mps:
             found.append(f"an airspeed of {self.airspeed_mps:g} m/s is below the stall's {self.stall_mps:.1f} m/s")
-        elif self.lift_coefficient(self.airspeed_mps, math.radians(self.max_bank_deg)) > self.max_lift_coefficient:
+        elif self.airspeed_mps < self.stall_in_turn_mps(math.radians(self.max_bank_deg)):
             found.append(f"at a bank of {self.max_bank_deg:g}° and {self.airspeed_mps:g} m/s the wing stalls")
         motor_w = self.cruise_power_w - self.avionics_w
         if motor_w > self.max_power_w:

@@ -13,7 +13,65 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
-from eadp.core.signals import output_row, rotation_matrix
+from eadp.core.signals import output_row
+
+
+def rotation_matrix(order: int, period_s: float, step_s: float) -> FloatArray:
+    """The exact step of the state, e^{A Δt}: one rotation for each harmonic.
+
+    Parameters
+    ----------
+    order : int
+        Number of harmonics r, 0 or more.
+    period_s : float
+        T [s], above 0.
+    step_s : float
+        Δt [s], of any size and sign.
+
+    Returns
+    -------
+    array, shape (2r + 1, 2r + 1)
+
+    Source: letter, Eqs. 4 and 6.
+    """
+    harmonic = np.arange(1, order + 1)
+    angle = 2 * np.pi / period_s * harmonic * step_s
+    cosine, sine = 2 * harmonic - 1, 2 * harmonic  # where α_j and β_j stand in the state
+    matrix = np.eye(2 * order + 1)
+    # A_j = [[0, ωj], [−ωj, 0]]  →  e^{A_j Δt} = [[cos ωjΔt, sin ωjΔt], [−sin ωjΔt, cos ωjΔt]]
+    matrix[cosine, cosine] = matrix[sine, sine] = np.cos(angle)
+    matrix[cosine, sine] = np.sin(angle)
+    matrix[sine, cosine] = -np.sin(angle)
+    return matrix
+
+
+def rotated(state_w: ArrayLike, period_s: float | None, ahead_s: FloatArray) -> FloatArray:
+    """The states that a state leads to, e^{A t} q, at many times ahead.
+
+    Parameters
+    ----------
+    state_w : array, shape (2r + 1,)
+        q now [W].
+    period_s : float or None
+        T [s], above 0; None without harmonics.
+    ahead_s : array, shape (n,)
+        Times from now [s].
+
+    Returns
+    -------
+    array, shape (n, 2r + 1)
+        States [W].
+
+    Source: letter, Eqs. 4 and 6.
+    """
+    state = np.asarray(state_w, dtype=float)
+    states = np.repeat(state[None], len(ahead_s), axis=0)
+    if period_s is not None and len(state) > 1:
+        angle = 2 * np.pi / period_s * np.arange(1, (len(state) + 1) // 2) * ahead_s[:, None]
+        cosine, sine = np.cos(angle), np.sin(angle)
+        states[:, 1::2] = cosine * state[1::2] + sine * state[2::2]
+        states[:, 2::2] = cosine * state[2::2] - sine * state[1::2]
+    return states
 
 
 def output(order: int) -> FloatArray:

@@ -31,10 +31,10 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray, upper_envelope
-from eadp.core.signals import output_row, rotated
+from eadp.core.signals import output_row
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import LETTER, Battery
-from eadp.papers.forecasting import scaling_factors
+from eadp.papers.forecasting import rotated, scaling_factors
 from eadp.planning.base import SolverReport, thinned
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 

@@ -39,7 +39,7 @@ from eadp.models.plan.plan import MadeFor, Plan, Site
 from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import Profile
-from eadp.models.vehicle import Airframe, PaperVehicle
+from eadp.models.vehicle import Airframe
 from eadp.survey.camera import MAX_ALTITUDE_M, Pictures, option_fault
 from eadp.survey.coverage import PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
 from eadp.survey.coverage import cover as cover_field
@@ -121,7 +121,7 @@ class CoverageTask:
         options = self.options
         ends = point_of("--start", options.start, self.field), self.home_m
         found = TerrainTask.read(options, options.altitude_m, options.clearance_m, self.field, ends)
-        if found is not None and isinstance(self.airframe, PaperVehicle):
+        if found is not None and not self.airframe.takes_commands:
             message = f"the airframe {self.airframe.model} holds its own altitude"
             raise option_fault("--terrain", "", message, "another --vehicle")
         return found
@@ -217,7 +217,7 @@ class CoverageTask:
     def _airspace(self, final: FinalApproach | None) -> Airspace:
         """As `airspace`, with a final approach."""
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
-        if altitude_m is None or isinstance(airframe, PaperVehicle):
+        if altitude_m is None or not airframe.takes_commands:
             return given
         reached_m, slopes = [altitude_m] * len(given.obstacles), list[tuple[Point, float]]()
         if self.home_m is not None:
@@ -279,7 +279,7 @@ class CoverageTask:
     @cached_property
     def _climbing(self) -> Climbing | None:
         """How the aircraft climbs from the ground and descends to it; None where it holds its own altitude."""
-        if self.options.altitude_m is None or isinstance(self.airframe, PaperVehicle):
+        if self.options.altitude_m is None or not self.airframe.takes_commands:
             return None
         return Climbing(*self.airframe.climb_rates_mps(self.motion.airspeed_mps), self.airframe.altitude_gain_per_s)
 
@@ -442,8 +442,8 @@ def flight_keys(task: CoverageTask, vehicle: File | None) -> dict[str, Any]:
     keys: dict[str, Any] = {} if vehicle is None else {"vehicle": str(vehicle)}
     if task.options.airspeed_mps is not None:
         keys["vehicle.airframe.airspeed_mps"] = task.options.airspeed_mps
-        wider = None if isinstance(task.airframe, PaperVehicle) else task.airframe.flown_at(task.options.airspeed_mps)
-        if wider is not None and wider.airspeed_range_mps is not None:
+        wider = task.airframe.flown_at(task.options.airspeed_mps)
+        if wider.airspeed_range_mps is not None:
             keys["vehicle.airframe.airspeed_range_mps"] = [*wider.airspeed_range_mps]
     if task.options.wind is not None:
         east, north = task.motion.wind_mps
@@ -566,7 +566,7 @@ def coverage_task(
         battery = flown.battery if vehicle is not None else setting.keys.battery
         pack = Pack(battery, setting.keys.reserve_soc)
     wind_mps = setting.keys.wind.steady_mps
-    if (vehicle is not None or "vehicle" in setting.chosen) and not isinstance(flown.airframe, PaperVehicle):
+    if vehicle is not None or "vehicle" in setting.chosen:
         faults = flown.airframe.flown_at(options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])

@@ -79,7 +79,7 @@ class _Outlines:
         InputError
             Where its rings cross or touch one another, or themselves, so that repairing them would change the area.
         """
-        from eadp.core.geometry.polygons import flaws, ground_m2, made_valid, signed_area_m2
+        from eadp.core.geometry.polygons import flaw, ground_m2, made_valid, signed_area_m2
 
         kept: Part = []
         for k, ring in enumerate(rings):
@@ -93,20 +93,20 @@ class _Outlines:
                 return []
             elif ring:
                 self.thin.append(ring)
-        flaw = next(flaws(kept[0], kept[1:]), None)
-        if flaw is None:
+        defect = flaw(kept[0], kept[1:])
+        if defect is None:
             return [kept]
         before_m2 = abs(signed_area_m2(kept[0])) - sum(abs(signed_area_m2(hole)) for hole in kept[1:])
         parts = [part for part in made_valid(*kept) if ground_m2(*part) >= VALID_SHARE * before_m2]
         if abs(sum(ground_m2(*part) for part in parts) - before_m2) < VALID_SHARE * before_m2:
             self.counts["repaired"] += 1
             return parts
-        where = "({:.2f}, {:.2f}) m".format(*flaw.point_m)
+        where = "({:.2f}, {:.2f}) m".format(*defect.point_m)
         if self.origin_deg is not None:
-            latitude, longitude = to_geodetic_deg(*flaw.point_m, self.origin_deg)
+            latitude, longitude = to_geodetic_deg(*defect.point_m, self.origin_deg)
             where = f"longitude {longitude:.7f}, latitude {latitude:.7f}, which is {where}"
         expected = "a ring that neither crosses nor touches itself, holes within the outline and apart from one another"
-        raise self.source.error(of.location, f"{_title(flaw.ring, of)} {flaw.message} at {where}", expected)
+        raise self.source.error(of.location, f"{_title(defect.ring, of)} {defect.message} at {where}", expected)
 
     def notes(self, **others: tuple[str, str, str]) -> list[str]:
         """Sentences on what was left out and repaired; `others` are counted too, as `_CHANGED`."""
@@ -122,8 +122,7 @@ def _tidied(ring: Line) -> tuple[Point, ...]:
     count = len(ring)
     while count > 1 and math.dist(ring[0], ring[count - 1]) < TOLERANCE_M:
         count -= 1
-    kept = simplified(ring[:count], TOLERANCE_M if len(ring) <= RING_LIMIT else COARSE_M) if ring else []
-    return tuple(ring[i] for i in kept)
+    return simplified(ring[:count], TOLERANCE_M if len(ring) <= RING_LIMIT else COARSE_M) if ring else ()
 
 
 _CHANGED = {

@@ -12,7 +12,8 @@ from common.plans import APPENDIX_PRINTED, APPENDIX_RIGHT, PARTS
 from eadp.check import proof
 from eadp.check.check import check_plan
 from eadp.check.proof import AlgebraProcess, StageProof, prove_plan
-from eadp.errors import EadpError
+from eadp.core.expressions.reader import read_expression
+from eadp.errors import EadpError, ExpressionError
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 
@@ -143,3 +144,66 @@ def test_a_broken_sympy_is_bad_input_not_a_bug(tmp_path, root, options):
     assert (done.returncode, done.stdout) == (2, "")
     said = "sympy cannot be imported (no such thing); install it, as in: pip install sympy\n"
     assert done.stderr == f"eadp: error: {said}"
+
+
+def test_the_expressions_of_a_stage():
+    x, y, c1 = sympy.symbols("x y c1", real=True)
+    circle = "(x - c1)^2 + 3*y^2*x - 4", "c1 + 2", "0"
+    found = proof.lines(circle, [], 3, "sympy")
+    path = (x - c1) ** 2 + 3 * y**2 * x - 4
+    expected = (path, path.diff(x), path.diff(y), 2, 6 * y, 6 * x, c1 + 2, 0)
+    names = ["phi_3", "phi_3_x", "phi_3_y", "phi_3_xx", "phi_3_xy", "phi_3_yy", "trigger_3_x", "trigger_3_y"]
+    for line, value, name in zip(found, expected, names, strict=True):
+        text, named = line.split("  # ")
+        assert named == name
+        assert sympy.expand(sympy.sympify(text, {"x": x, "y": y, "c1": c1}) - value) == 0
+    latex = proof.lines(circle, [], 3, "latex")
+    assert [line.split(" = ")[0].count("{3}") for line in latex] == [1, 1, 1, 1]
+    assert latex[0].endswith(sympy.latex(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("(c1 + 2)^2 - c1^2 - 4*c1 - 4", "0"),
+        ("(c1 + 2)^2 - c1^2", "4*c1 + 4"),
+        ("sin(c1)^2 + cos(c1)^2 - 1", "0"),
+        ("1/(c1 - c1)", None),
+        ("((c1^10)^10)^10", "c1**1000"),
+    ],
+)
+def test_remainders(text, expected):
+    assert proof.remainder(text, []) == expected
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "sense", "sets", "expected"),
+    [
+        # ∇ = (1, 0) and (c1, 0)
+        (("x", "0", "0"), ("c1*x", "0", "0"), 1, {"c1": (1.0, 2.0)}, True),
+        (("x", "0", "0"), ("c1*x", "0", "0"), -1, {"c1": (1.0, 2.0)}, False),
+        (("x", "0", "0"), ("c1*x", "0", "0"), -1, {"c1": (-2.0, -1.0)}, True),
+        (("x", "0", "0"), ("c1*x", "0", "0"), 1, {"c1": (-1.0, 2.0)}, None),
+        (("x", "0", "0"), ("c1*x", "0", "0"), 1, {}, None),
+        (("x", "0", "0"), ("2*x", "0", "0"), 1, {}, True),
+        (("x", "0", "0"), ("-2*x", "0", "0"), 1, {}, False),
+        # (1, 0) and (0, 1) are not parallel; nor are (1, 0) and (1, c1)
+        (("x", "0", "0"), ("y", "0", "0"), 1, {}, False),
+        (("x", "0", "0"), ("x + c1*y", "0", "0"), 1, {"c1": (0.0, 1.0)}, False),
+        # a circle round (0, 0) at its top, (0, 20), and a line along y, at each one's own trigger
+        (("x^2 + y^2 - 100", "0", "10"), ("y", "5", "0"), 1, {}, True),
+        (("x^2 + y^2 - 100", "10", "0"), ("x", "5", "7"), 1, {}, True),
+        (("y", "5", "0"), ("x^2 + y^2 - 100", "0", "-10"), 1, {}, False),
+    ],
+)
+def test_directions_at_triggers(here, there, sense, sets, expected):
+    assert proof.same_direction(here, there, [], sense, sets) is expected
+
+
+def test_what_sympy_says_in_words_of_its_own_is_refused():
+    c1 = sympy.Symbol("c1", real=True)
+    for value in (sympy.Piecewise((c1, c1 > 0), (0, True)), sympy.zoo):
+        with pytest.raises(ExpressionError):
+            proof.remainder(*proof._text_of(value))
+    text, names = proof._text_of(sympy.Max(c1, sympy.Abs(c1)))
+    assert read_expression(text, names).non_smooth in ("max", "abs")

@@ -47,6 +47,21 @@ def van_loan(matrix, noise, duration_s):
     return total, covariance
 
 
+@given(orders, st.floats(0.5, 500), st.floats(-3, 3))
+def test_rotation_is_the_matrix_exponential(order, period_s, turns):
+    step_s, size = turns * period_s, 2 * order + 1
+    turned = expm(system(order, period_s)[:size, :size] * step_s)
+    assert forecasting.rotation_matrix(order, period_s, step_s) == pytest.approx(turned, abs=1e-10)
+
+
+def test_states_ahead_are_the_matrix_exponentials():
+    state, ahead_s = [30.0, 2.0, -1.0, 0.5, 0.3], np.array([0.0, 1.5, 40.0, -7.0])
+    for one, step_s in zip(forecasting.rotated(state, PERIOD_S, ahead_s), ahead_s, strict=True):
+        assert one == pytest.approx(expm(system(2)[:5, :5] * step_s) @ state, abs=1e-9)
+    assert forecasting.rotated([30.0], PERIOD_S, ahead_s).tolist() == [[30.0]] * 4
+    assert forecasting.rotated([30.0], None, ahead_s[:2]).tolist() == [[30.0]] * 2
+
+
 @given(orders, durations)
 def test_a_step_is_the_matrix_exponential(order, step_s):
     turn, noise = van_loan(system(order), density(order), step_s)

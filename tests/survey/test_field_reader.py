@@ -364,7 +364,7 @@ APART = "expected a ring that neither crosses nor touches itself, holes within t
         ([[(0, 0), (1.5, 0), (0, 1)]], "an area of less than 1 m²; expected 1 m² or more, or a file without units"),
         ([[(0, 0), (100, 80), (99, 0), (1, 70)]], f"the outline crosses itself at (46.70, 37.36) m; {APART}"),
         ([BOX, POND, [(20, 50), (41, 70), (40, 50), (20, 70)]], f"hole 2 crosses itself at (30.24, 59.76) m; {APART}"),
-        ([BOX, POND, [(90, 30), (90, 50), (110, 50), (110, 30)]], "hole 2 crosses the outline or another hole"),
+        ([BOX, POND, [(90, 30), (90, 50), (110, 50), (110, 30)]], "hole 2 crosses, meets or is beyond another ring"),
     ],
 )
 def test_rings_that_are_none(rings, fault):

@@ -13,7 +13,7 @@ from typing import Any
 
 from eadp.core.expressions import tree
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import FUNCTIONS, NON_SMOOTH_FUNCTIONS, Expression, Node
+from eadp.core.expressions.tree import FUNCTIONS, Expression, Node
 from eadp.errors import EadpError, ExpressionError, printable
 
 SIZE_LIMIT = 400
@@ -204,20 +204,6 @@ def _degree(node: Node) -> float:
     return max(parts, default=1.0)
 
 
-def from_sympy(result: Any) -> Expression:
-    """An expression from a sympy tree, read back through the reader so that every check holds.
-
-    Raises
-    ------
-    ExpressionError
-        If the tree holds a function or a constant that plan expressions do not have.
-    """
-    text = load_sympy().sstr(result, order="none")
-    for name in NON_SMOOTH_FUNCTIONS:
-        text = text.replace(f"{name.title()}(", f"{name}(")
-    return read_expression(text, [symbol.name for symbol in result.free_symbols])
-
-
 # --- stages -----------------------------------------------------------------------------------------------------------
 
 
@@ -240,45 +226,20 @@ class SymbolicStage:
         EadpError
             If sympy cannot be imported, or an expression is beyond the limits above.
         """
-        return cls(_limited(path), load_sympy().Matrix([_limited(part) for part in trigger]))
+        return cls(limited(path), load_sympy().Matrix([limited(part) for part in trigger]))
 
     @cached_property
     def gradient(self) -> Any:
         """∇φ, a matrix of shape (2, 1)."""
-        return load_sympy().Matrix([self.path.diff(v) for v in _coordinates()])
+        return load_sympy().Matrix([self.path.diff(v) for v in coordinates()])
 
     @cached_property
     def hessian(self) -> Any:
         """The Hessian of φ, a symmetric matrix of shape (2, 2)."""
-        return load_sympy().hessian(self.path, _coordinates())
-
-    def lines(self, index: int, style: str) -> list[str]:
-        """Its expressions in sympy's plain syntax, each with its name as a comment, or as LaTeX.
-
-        Parameters
-        ----------
-        index : int
-            The stage's.
-        style : str
-            `sympy` or `latex`.
-        """
-        sympy = load_sympy()
-        if style == "latex":
-            named = {
-                rf"\varphi_{{{index}}}": self.path,
-                rf"\nabla \varphi_{{{index}}}": self.gradient,
-                rf"\nabla^{{2}} \varphi_{{{index}}}": self.hessian,
-                rf"\mathbf{{p}}_{{\Gamma_{{{index}}}}}": self.trigger,
-            }
-            return [f"{name} = {sympy.latex(value)}" for name, value in named.items()]
-        (xx, xy), (_, yy) = self.hessian.tolist()
-        values = (self.path, *self.gradient, xx, xy, yy, *self.trigger)
-        names = [f"phi_{index}{d}" for d in ("", "_x", "_y", "_xx", "_xy", "_yy")]
-        names += [f"trigger_{index}_x", f"trigger_{index}_y"]
-        return [f"{sympy.sstr(value)}  # {name}" for name, value in zip(names, values, strict=True)]
+        return load_sympy().hessian(self.path, coordinates())
 
 
-def _limited(expression: Expression) -> Any:
+def limited(expression: Expression) -> Any:
     """`to_sympy` of an expression within the limits above."""
     if expression.size > SIZE_LIMIT or _degree(expression.node) > DEGREE_LIMIT:
         what = f"at most {SIZE_LIMIT} parts, and powers of {DEGREE_LIMIT}"
@@ -286,57 +247,6 @@ def _limited(expression: Expression) -> Any:
     return to_sympy(expression.node)
 
 
-def _coordinates() -> list[Any]:
+def coordinates() -> list[Any]:
+    """x and y as sympy's symbols."""
     return [load_sympy().Symbol(name, real=True) for name in ("x", "y")]
-
-
-# --- proofs: for a process that may be ended, as sympy knows no limit of time -----------------------------------------
-
-
-def remainder(expression: Expression) -> str | None:
-    """The expression multiplied out by sympy, in its syntax: '0' where it is 0 for every value.
-
-    None where that is undecided, or the text is longer than an expression may be.
-    """
-    sympy = load_sympy()
-    value = sympy.expand(_limited(expression))
-    if value != 0 and is_zero(expression.node):
-        return "0" if sympy.simplify(value) == 0 else None
-    text = str(sympy.sstr(value))
-    return None if value.has(sympy.nan, sympy.zoo, sympy.oo) or len(text) > tree.LENGTH_LIMIT else text
-
-
-def same_direction(
-    here: SymbolicStage, there: SymbolicStage, sense: int, ranges: Mapping[str, tuple[float, float]]
-) -> bool | None:
-    """Whether the gradients of two paths, each at the trigger that comes with it, are parallel for all parameters.
-
-    Parameters
-    ----------
-    here, there : SymbolicStage
-        The trigger of each is the point where they meet, in the frame of its own path.
-    sense : int
-        +1: they shall point the same way; −1: opposite ways.
-    ranges : mapping of str to (float, float)
-        The sets of the parameters; a name that is not in it may have any value.
-
-    Returns
-    -------
-    bool or None
-        None: undecided.
-    """
-    sympy = load_sympy()
-    x, y = _coordinates()
-    ax, ay = here.gradient.xreplace({x: here.trigger[0], y: here.trigger[1]})
-    bx, by = there.gradient.xreplace({x: there.trigger[0], y: there.trigger[1]})
-    across = remainder(from_sympy(sympy.expand(ax * by - ay * bx)))
-    if across != "0":
-        return None if across is None else False
-    # the sign of a·b over the box of the sets, by interval arithmetic on exact numbers
-    intervals = {
-        sympy.Symbol(name, real=True): sympy.AccumBounds(sympy.Rational(repr(lo)), sympy.Rational(repr(hi)))
-        for name, (lo, hi) in ranges.items()
-    }
-    along = sympy.expand(sense * (ax * bx + ay * by)).subs(intervals)
-    lowest, highest = (along.min, along.max) if isinstance(along, sympy.AccumBounds) else (along, along)
-    return True if lowest.is_positive else False if highest.is_negative else None

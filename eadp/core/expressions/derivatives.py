@@ -75,15 +75,19 @@ def _compiled(source: str) -> Callable[[Sequence[float]], PathFunction]:
 # --- generating -------------------------------------------------------------------------------------------------------
 
 
+_Term = str | None
+"""A value by its name in the source; None is one that is zero by its form."""
+
+
 class _Jet(NamedTuple):
-    """Six values by their names in the source; None is a derivative that is zero by its form."""
+    """A value and its derivatives."""
 
     v: str
-    x: str | None = None
-    y: str | None = None
-    xx: str | None = None
-    xy: str | None = None
-    yy: str | None = None
+    x: _Term = None
+    y: _Term = None
+    xx: _Term = None
+    xy: _Term = None
+    yy: _Term = None
 
 
 @lru_cache(maxsize=4096)
@@ -137,17 +141,15 @@ class _Writer:
                 self._of_point.add(name)
         return self._known[text]
 
-    # sums and products of values, where None is zero
-
-    def add(self, a: str | None, b: str | None) -> str | None:
+    def add(self, a: _Term, b: _Term) -> _Term:
         return self.let(f"{a} + {b}") if a and b else a or b
 
-    def subtract(self, a: str | None, b: str | None) -> str | None:
+    def subtract(self, a: _Term, b: _Term) -> _Term:
         if b is None:
             return a
         return self.let(f"{a} - {b}") if a else self.let(f"-{b}")
 
-    def times(self, a: str | None, b: str | None) -> str | None:
+    def times(self, a: _Term, b: _Term) -> _Term:
         if a is None or b is None:
             return None
         if a == "1.0":
@@ -192,33 +194,31 @@ class _Writer:
         """A part without x and y, which becomes an argument."""
         return self.fixed.setdefault(node, f"k{len(self.fixed)}")
 
+    def _chain(self, f: str, a: _Jet, b: _Jet, slopes: tuple[_Term, _Term], bends: tuple[_Term, ...]) -> _Jet:
+        """f(a, b) from f, (f_a, f_b) and (f_aa, f_ab, f_bb)."""
+        (fa, fb), (faa, fab, fbb) = slopes, bends
+
+        def first(ap: _Term, bp: _Term) -> _Term:
+            return self.add(self.times(fa, ap), self.times(fb, bp))
+
+        def second(ap: _Term, aq: _Term, apq: _Term, bp: _Term, bq: _Term, bpq: _Term) -> _Term:
+            # f_pq = f_a a_pq + f_aa a_p a_q + f_ab (a_p b_q + a_q b_p) + f_bb b_p b_q + f_b b_pq
+            bend = faa and self.times(faa, self.times(ap, aq))
+            if fab:
+                bend = self.add(bend, self.times(fab, self.add(self.times(ap, bq), self.times(aq, bp))))
+            if fbb:
+                bend = self.add(bend, self.times(fbb, self.times(bp, bq)))
+            return self.add(self.add(self.times(fa, apq), bend), self.times(fb, bpq))
+
+        xx, xy = second(a.x, a.x, a.xx, b.x, b.x, b.xx), second(a.x, a.y, a.xy, b.x, b.y, b.xy)
+        return _Jet(f, first(a.x, b.x), first(a.y, b.y), xx, xy, second(a.y, a.y, a.yy, b.y, b.y, b.yy))
+
     def _multiply(self, a: _Jet, b: _Jet) -> _Jet:
-        v = self.times(a.v, b.v)
-        assert v is not None
-        twice = (self.times("2.0", self.times(a.x, b.x)), self.times("2.0", self.times(a.y, b.y)))
-        mixed = self.add(self.times(a.x, b.y), self.times(a.y, b.x))
-        return self._two(v, a, b, (b.v, a.v), (twice[0], mixed, twice[1]))
+        return self._chain(self.let(f"{a.v} * {b.v}"), a, b, (b.v, a.v), (None, "1.0", None))
 
-    def _two(self, f: str, a: _Jet, b: _Jet, slopes: tuple[str, str], bends: tuple[str | None, ...]) -> _Jet:
-        """f(a, b) from f, (f_a, f_b), and the parts of its xx, xy, yy that hold products of first derivatives."""
-
-        def first(da: str | None, db: str | None) -> str | None:
-            return self.add(self.times(slopes[0], da), self.times(slopes[1], db))
-
-        def second(daa: str | None, bend: str | None, dbb: str | None) -> str | None:
-            return self.add(self.add(self.times(slopes[0], daa), bend), self.times(slopes[1], dbb))
-
-        pairs = zip(a[3:], bends, b[3:], strict=True)
-        return _Jet(f, first(a.x, b.x), first(a.y, b.y), *(second(*parts) for parts in pairs))
-
-    def _compose(self, u: _Jet, f: str, f1: str | None, f2: str | None) -> _Jet:
-        """f(u) from f, f' and f'' at u: (f∘u)_ab = f'' u_a u_b + f' u_ab."""
-
-        def second(ua: str | None, ub: str | None, uab: str | None) -> str | None:
-            return self.add(self.times(f2, self.times(ua, ub)), self.times(f1, uab))
-
-        first_x, first_y = self.times(f1, u.x), self.times(f1, u.y)
-        return _Jet(f, first_x, first_y, second(u.x, u.x, u.xx), second(u.x, u.y, u.xy), second(u.y, u.y, u.yy))
+    def _compose(self, u: _Jet, f: str, f1: _Term, f2: _Term) -> _Jet:
+        """f(u) from f, f' and f'' at u."""
+        return self._chain(f, u, _Jet("0.0"), (f1, None), (f2, None, None))
 
     def _reciprocal(self, u: _Jet) -> _Jet:
         f = self.let(f"1.0 / {u.v}")
@@ -262,24 +262,16 @@ class _Writer:
         fa, fb = self.let(f"{b.v} / {s}"), self.let(f"-{a.v} / {s}")
         fbb = self.let(f"-2.0 * {fa} * {fb}")
         fab = self.let(f"{fb} * {fb} - {fa} * {fa}")
-        faa = self.let(f"-{fbb}")
-
-        def bend(a1: str | None, a2: str | None, b1: str | None, b2: str | None) -> str | None:
-            total = self.times(faa, self.times(a1, a2))
-            total = self.add(total, self.times(fab, self.add(self.times(a1, b2), self.times(a2, b1))))
-            return self.add(total, self.times(fbb, self.times(b1, b2)))
-
-        bends = (bend(a.x, a.x, b.x, b.x), bend(a.x, a.y, b.x, b.y), bend(a.y, a.y, b.y, b.y))
-        return self._two(f, a, b, (fa, fb), bends)
+        return self._chain(f, a, b, (fa, fb), (self.let(f"-{fbb}"), fab, fbb))
 
     def _choose(self, a: _Jet, b: _Jet, relation: str) -> _Jet:
-        def pick(one: str | None, two: str | None) -> str | None:
+        def pick(one: _Term, two: _Term) -> _Term:
             return self.let(f"{one or '0.0'} if {a.v} {relation} {b.v} else {two or '0.0'}") if one or two else None
 
         return _each(pick, a, b)
 
 
-def _each(join: Callable[[str | None, str | None], str | None], a: _Jet, b: _Jet) -> _Jet:
+def _each(join: Callable[[_Term, _Term], _Term], a: _Jet, b: _Jet) -> _Jet:
     """Each part of two jets joined."""
     v, *derivatives = map(join, a, b)
     assert v is not None

@@ -40,29 +40,10 @@ def signed_area_m2(ring: Sequence[Point]) -> float:
 # --- simplification ---------------------------------------------------------------------------------------------------
 
 
-def simplified(ring: Sequence[Point], tolerance_m: float) -> list[int]:
-    """Indices of the vertices that keep a ring's line within a tolerance.
-
-    Parameters
-    ----------
-    ring : sequence of (float, float)
-        Vertices [m].
-    tolerance_m : float
-        How far from the new line a vertex that is dropped may lie [m].
-
-    Returns
-    -------
-    list of int
-        In order; the first vertex is kept. By Douglas and Peucker's algorithm.
-    """
-    kept = iter(shapely.LineString([*ring, ring[0]]).simplify(tolerance_m, preserve_topology=False).coords)
-    # the vertices kept stand in the ring's order: each is the next one equal to it
-    wanted, indices = next(kept), []
-    for i, vertex in enumerate(ring):
-        if vertex == wanted:
-            indices.append(i)
-            wanted = next(kept, wanted)
-    return indices
+def simplified(ring: Sequence[Point], tolerance_m: float) -> Ring:
+    """The vertices that keep a ring's line within a tolerance [m], the first among them: Douglas and Peucker's."""
+    kept = shapely.LineString([*ring, ring[0]]).simplify(tolerance_m, preserve_topology=False)
+    return tuple(kept.coords)[:-1]
 
 
 # --- validity ---------------------------------------------------------------------------------------------------------
@@ -77,39 +58,25 @@ class RingDefect:
     point_m: Point
 
 
-def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """Defects of an outline and its holes.
+def flaw(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> RingDefect | None:
+    """A defect of an outline and its holes, vertices of either winding, three or more [m]; None without.
 
-    Parameters
-    ----------
-    outline, holes : sequence of (float, float), sequences of such
-        Vertices [m], either winding; three or more.
-
-    Yields
-    ------
-    RingDefect
-        Of each ring that crosses or touches itself; where there is none, of one hole that is not within the outline,
-        meets another hole, or cuts the field into parts. A hole may touch the outline or another hole at a point.
+    A ring that crosses or touches itself; else a hole that is not within the outline, meets another hole, or cuts the
+    field into parts. A hole may touch the outline or another hole at a point.
     """
-    found = False
     for i, ring in enumerate((outline, *holes)):
         if complaint := _complaint(ring):
-            found = True
             reason, point = complaint
-            yield RingDefect(i, "touches itself" if reason.startswith("Ring") else "crosses itself", point)
-    if not found and (complaint := _complaint(outline, *holes)):
-        reason, point = complaint
+            return RingDefect(i, "touches itself" if reason.startswith("Ring") else "crosses itself", point)
+    if complaint := _complaint(outline, *holes):
+        _, point = complaint
         away_m = shapely.distance([shapely.LinearRing(hole) for hole in holes], shapely.Point(point))
-        yield RingDefect(int(np.argmin(away_m)) + 1, _RELATIONS.get(reason, _CROSSES), point)
+        return RingDefect(int(np.argmin(away_m)) + 1, BESIDE, point)
+    return None
 
 
-_RELATIONS = {
-    "Hole lies outside shell": "lies outside the outline",
-    "Holes are nested": "lies within another hole or around it",
-    "Interior is disconnected": "cuts the field into parts",
-}
-_CROSSES = "crosses the outline or another hole, or runs along it"
-"""How a hole lies where the whole is not valid, by shapely's reason."""
+BESIDE = "crosses, meets or is beyond another ring, or cuts the field into parts"
+"""What a hole does where the whole is not valid."""
 
 _REASON = re.compile(r"(.+)\[(\S+) (\S+)\]\Z")
 

@@ -11,7 +11,7 @@ from eadp.errors import InputError
 from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_file, legend_below, write_headline
 from eadp.models.performance import Performance
 from eadp.models.profile import Profile, titles
-from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
+from eadp.models.vehicle import Airframe, FixedWing
 
 CURVES = 7
 """Most curves of one family: of more levels, some are left out, never the first and the last."""
@@ -101,15 +101,14 @@ def write_vehicle_figure(path: str, name: str, airframe: Airframe, found: Perfor
     """
     low, high = airframe.level_speeds_mps()
     speeds = np.linspace(low, max(min(high, ABOVE * max(found.airspeed_mps, found.range_mps)), low), 300)
-    banks = [0.0] if isinstance(airframe, PaperVehicle) else [0.0, 30.0, airframe.max_bank_deg]
+    banks = [0.0, 30.0, airframe.max_bank_deg] if airframe.takes_commands else [0.0]
     with figure_file(path, 7.0, 4.4) as figure:
         axes = figure.subplots()
         for bank, colour in zip(banks, COLOURS, strict=False):
             label = f"bank {bank:g}°" if bank else "level flight"
             powers = [airframe.level_power_w(float(v), math.radians(bank)) + computing_w for v in speeds]
             if isinstance(airframe, FixedWing):  # no curve where the wing stalls
-                slow = speeds < airframe.stall_mps / math.sqrt(math.cos(math.radians(bank)))
-                powers = np.where(slow, math.nan, powers).tolist()
+                powers = np.where(speeds < airframe.stall_in_turn_mps(math.radians(bank)), math.nan, powers).tolist()
             axes.plot(speeds, powers, color=colour, label=label, marker="" if high > low else "s")
         held_w = found.level_power_w + computing_w
         axes.plot(found.airspeed_mps, held_w, "o", color="black", label=f"as it flies, {held_w:.3g} W")

@@ -410,7 +410,7 @@ class _Reader:
             return None
         if not rings or not all(ring for _, _, ring in rings):
             return None
-        from eadp.core.geometry.polygons import flaws, signed_area_m2
+        from eadp.core.geometry.polygons import flaw, signed_area_m2
 
         parts: list[list[tuple[Point, ...]]] = []
         lines: list[list[_Line]] = []
@@ -421,9 +421,9 @@ class _Reader:
             parts[-1].append(ring if (signed_area_m2(ring) > 0) == outer else ring[::-1])
             lines[-1].append(line)
         for part, own in zip(parts, lines, strict=True):
-            for flaw in flaws(part[0], part[1:]):  # flown as well without
-                (x, y), line = flaw.point_m, own[flaw.ring]
-                message = f"the field is left out: a ring {flaw.message} at ({x:g}, {y:g})"
+            if defect := flaw(part[0], part[1:]):  # flown as well without
+                (x, y), line = defect.point_m, own[defect.ring]
+                message = f"the field is left out: a ring {defect.message} at ({x:g}, {y:g})"
                 self._findings.append(Finding("warning", None, line.number, "field", message, line.column))
                 return None
         return Field((), **self._of("site.field")).with_parts(parts)

@@ -13,7 +13,7 @@ from eadp.io.text.streams import Text, refuse_others
 from eadp.models.battery import Battery
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Finding, Plan, Site
-from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
+from eadp.models.vehicle import Airframe, FixedWing
 from eadp.plug_ins import plug_ins
 
 _STAGES = re.compile(r"^[^\S\n]*path\s*:|^[^;\n]*;[^;\n]*;[^;\n]*[xy]", re.MULTILINE)
@@ -56,7 +56,7 @@ class PlanReader:
     @classmethod
     def of(cls, airframe: Airframe, battery: Battery) -> PlanReader:
         """The reader for an aircraft: what repeats for ever is longer than the battery lasts."""
-        wing = FixedWing() if isinstance(airframe, PaperVehicle) else airframe
+        wing = airframe if airframe.takes_commands else FixedWing()
         rates_mps = wing.climb_rates_mps(wing.airspeed_mps)
         endurance_s = battery.endurance_s(airframe.cruise_power_w)
         repeated_m = min(1.25 * endurance_s * airframe.airspeed_mps, 1e6)

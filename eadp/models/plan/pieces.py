@@ -15,7 +15,7 @@ from eadp.core.geometry.geodesy import compass_deg, heading_rad
 from eadp.errors import Fault, InputError
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.plan.stage import LOITER_TO_ALTITUDE, Stage
-from eadp.models.vehicle import Airframe, PaperVehicle
+from eadp.models.vehicle import Airframe
 
 CLIMB_OUT_M = 50.0
 """Height of the climb straight ahead after take-off [m]: ArduPilot's TKOFF_ALT by default."""
@@ -203,7 +203,7 @@ def climb_out(start_m: Point, course: float, height_m: float, airframe: Airframe
 
 def _sloping_m(option: str, course: float, height_m: float, airframe: Airframe, air: Air, down: int) -> float:
     """Ground that a climb of a height takes on a course, or a descent (1) [m]; a headwind may die down."""
-    if isinstance(airframe, PaperVehicle):
+    if not airframe.takes_commands:
         message = f"the airframe {airframe.model} holds its altitude"
         raise InputError.at(option, 1, 1, message, "an aeroplane, as in --scenario")
     rate_mps = airframe.climb_rates_mps(air.airspeed_mps)[down]

@@ -18,7 +18,7 @@ from eadp.core.geometry.curves import LINE, Point
 from eadp.models.airspace import BOUNDARY, HOME_RADII, Airspace, WayHome
 from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Leg, leg_points
-from eadp.models.vehicle import Airframe, Guidance, PaperVehicle
+from eadp.models.vehicle import Airframe, Guidance
 from eadp.planning.state.climb import Climb, ClimbFollower
 from eadp.planning.state.known import Known
 
@@ -115,8 +115,9 @@ def _beside_m(
     ground_mps, along_mps = ground_speeds_mps(np.cos(courses), np.sin(courses), speed, wind_mps)
     ground_mps = np.maximum(ground_mps, 1.0)
     # χ̇ = θ̇ a·ṗ/‖ṗ‖², with θ̇ at most V/R
-    limited = not isinstance(airframe, PaperVehicle)
-    greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps) if limited else np.full(len(legs), np.inf)
+    greatest = np.full(len(legs), np.inf)
+    if airframe.takes_commands:
+        greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps)
     rng, (gust_mps, gust_s) = np.random.default_rng(0), gusts
     # of each flight: gust [m/s], and how far it is beside the path [m] and off its course [rad], left positive
     gust = rng.standard_normal((2, FLIGHTS)) * gust_mps

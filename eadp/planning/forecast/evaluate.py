@@ -23,7 +23,6 @@ from eadp.models.battery import LOSS
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.route import Route, RouteArrays, leg_times_s
 from eadp.models.plan.stage import Leg, Stage, left_m
-from eadp.models.vehicle import PaperVehicle
 from eadp.planning.base import Ending, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import (
     LOSS_SQUARE,
@@ -364,7 +363,7 @@ class Evaluator:
     def speed_choice(self, known: Known, routes: Sequence[Route]) -> SpeedChoice:
         """The choice of airspeeds on routes, with the computations half way between their extremes."""
         plan, vehicle = self.mission.plan, self.mission.vehicle
-        assert not isinstance(vehicle, PaperVehicle)
+        assert vehicle.takes_commands
         legs = RouteArrays.of(routes)
         groups = self.envelopes.groups(routes[0].table, legs.order)
         computing_w = self.envelopes.extremes_w()[groups].mean(axis=1)

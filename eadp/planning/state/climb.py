@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from eadp.models.autopilot import ARDUPILOT
 from eadp.models.plan.stage import Stage
-from eadp.models.vehicle import Aeroplane, PaperVehicle
+from eadp.models.vehicle import Aeroplane
 from eadp.planning.base import Mission
 
 TAKE_OFF_RAD, GROUND_M = math.radians(20.0), 5.0
@@ -73,7 +73,7 @@ class ClimbFollower:
         """A follower of a mission's climbs; None where it flies at one altitude from its start on."""
         commanded = any(stage.altitude_m is not None for stage in mission.plan.stages)
         vehicle = mission.vehicle
-        if isinstance(vehicle, PaperVehicle) or not (commanded or mission.altitude_m != vehicle.cruise_altitude_m):
+        if not vehicle.takes_commands or not (commanded or mission.altitude_m != vehicle.cruise_altitude_m):
             return None
         take_off_j_per_m = 0.0
         if mission.autopilot.kind == ARDUPILOT and mission.altitude_m < GROUND_M:

@@ -18,7 +18,7 @@ from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
-from eadp.models.vehicle import LEVEL_SHARE, PaperVehicle
+from eadp.models.vehicle import LEVEL_SHARE
 from eadp.planning.base import Mission, Observation, Readings, Sample
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
@@ -83,10 +83,9 @@ class FlightState:
         level_w, level_share = vehicle.cruise_power_w, vehicle.power_std_share
         if mission.energy is not None:
             level_w, level_share = mission.energy.mean_w, LEVEL_SHARE
-        climb_j_per_m = 0.0 if isinstance(vehicle, PaperVehicle) else vehicle.climb_j_per_m
         speeds_mps = *(vehicle.airspeed_range_mps or ()), *(stage.airspeed_mps for stage in mission.plan.stages)
         others = any(abs((speed or mission.cruise_mps) - mission.cruise_mps) > OTHER_MPS for speed in speeds_mps)
-        self._motion = MotionPower(level_w, vehicle, level_share, climb_j_per_m, by_polar=others)
+        self._motion = MotionPower(level_w, vehicle, level_share, vehicle.climb_j_per_m, by_polar=others)
         self._airspeed = FlownAirspeed(mission)
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
@@ -204,10 +203,8 @@ class FlightState:
             times_s, turning_s = route.times_s(o.cursor.airspeed_mps or cruise_mps, self.wind_mps)
             # mean tan² φ = ∫tan² φ dt / t
             slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
-            vehicle = self._mission.vehicle
-            if not isinstance(vehicle, PaperVehicle):  # no steeper bank than it can fly
-                slope = min(slope, math.tan(math.radians(vehicle.max_bank_deg)) ** 2)
-            place.slope = slope
+            # no steeper bank than it can fly
+            place.slope = min(slope, math.tan(math.radians(self._mission.vehicle.max_bank_deg)) ** 2)
         self._ground.hold(o.time_s, o.cursor, o.parameters)
 
     def _read(self, readings: Readings, o: Observation | None = None) -> None:

@@ -19,8 +19,7 @@ def test_a_wing_in_level_flight():
     assert WING.weight_n == pytest.approx(1.0)
     # C_L = W/(q S): 0.5 at 2 m/s
     assert WING.stall_mps == pytest.approx(2.0)
-    assert WING.lift_coefficient(2.0) == pytest.approx(0.5)
-    assert WING.lift_coefficient(2.0, math.radians(60)) == pytest.approx(1.0)
+    assert WING.stall_in_turn_mps(math.radians(60)) == pytest.approx(2.0 * math.sqrt(2))
     # D = q S (C_D0 + C_L²/(π e A)) = 8 (0.1 + 0.125²/2), P = D V/η
     drag_n = 8 * (0.1 + 0.125**2 / 2)
     assert WING.drag_n(4.0) == pytest.approx(drag_n)

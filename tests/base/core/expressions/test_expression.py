@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from eadp.core.expressions.algebra import from_sympy, is_zero, simplified
+from eadp.core.expressions.algebra import is_zero, simplified
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import (
     CONSTANT_LIMIT,
@@ -481,17 +481,6 @@ def test_simpler_has_the_same_value(text):
         return
     got = simpler.at((PLACE["c1"], PLACE["c2"]), PLACE["x"], PLACE["y"])
     assert got == pytest.approx(wanted, rel=1e-6, abs=1e-6)
-
-
-def test_what_sympy_says_in_words_of_its_own_is_refused():
-    import sympy
-
-    c1 = sympy.Symbol("c1", real=True)
-    with pytest.raises(ExpressionError):
-        from_sympy(sympy.Piecewise((c1, c1 > 0), (0, True)))
-    with pytest.raises(ExpressionError):
-        from_sympy(sympy.zoo)
-    assert from_sympy(sympy.Max(c1, sympy.Abs(c1))).non_smooth in ("max", "abs")
 
 
 def test_an_expression_that_has_been_evaluated_can_be_pickled():

@@ -11,7 +11,6 @@ from eadp.core.guidance import (
     drag_n,
     dynamic_pressure_pa,
     induced_drag_factor,
-    lift_coefficient,
     load_factor,
 )
 
@@ -22,7 +21,6 @@ banks = st.floats(-1.2, 1.2)
 def test_a_wing_worked_out_by_hand():
     # 20 m/s at sea level: q = 245 Pa; 24.5 N on 0.5 m²: C_L = 0.2; C_D = 0.02 + 0.2²/(π·0.8·5) = 0.023183
     assert dynamic_pressure_pa(20, 1.225) == pytest.approx(245)
-    assert lift_coefficient(24.5, 20, 0.5, 1.225) == pytest.approx(0.2)
     assert induced_drag_factor(5, 0.8) == pytest.approx(1 / (4 * math.pi))
     assert drag_n(24.5, 20, 0.5, 1.225, 0.02, 1 / (4 * math.pi)) == pytest.approx(245 * 0.5 * 0.0231831, rel=1e-5)
 

@@ -8,11 +8,9 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.geometry.polygons import covered_share, flaws, signed_area_m2, simplified, strip_extents
+from eadp.core.geometry.polygons import BESIDE, covered_share, flaw, signed_area_m2, simplified, strip_extents
 
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
-
-CROSSES = "crosses the outline or another hole, or runs along it"
 
 whole = st.tuples(st.integers(-6, 6), st.integers(-6, 6))
 grid_rings = st.lists(whole, min_size=3, max_size=8, unique=True)
@@ -37,7 +35,7 @@ def square(x, y, side):
 
 @given(stars(), st.floats(0.1, 50.0))
 def test_vertices_that_are_dropped_lie_within_the_tolerance(ring, tolerance_m):
-    kept = simplified(ring, tolerance_m)
+    kept = [ring.index(vertex) for vertex in simplified(ring, tolerance_m)]
     assert kept[0] == 0
     assert kept == sorted(set(kept))
     for i, vertex in enumerate(ring):
@@ -68,7 +66,7 @@ def test_area_is_shapelys_with_the_sign_of_the_winding(ring):
     ],
 )
 def test_no_flaws(outline, holes):
-    assert list(flaws(outline, holes)) == []
+    assert flaw(outline, holes) is None
 
 
 @pytest.mark.parametrize(
@@ -77,31 +75,30 @@ def test_no_flaws(outline, holes):
         (((0, 0), (10, 10), (10, 0), (0, 10)), [], 0, "crosses itself", (5, 5)),
         (((0, 0), (10, 0), (10, 10), (5, 0), (0, 10)), [], 0, "touches itself", (5, 0)),
         (SQUARE, [((2, 2), (6, 6), (6, 2), (2, 6))], 1, "crosses itself", (4, 4)),
-        (SQUARE, [square(20, 20, 2)], 1, "lies outside the outline", None),
-        (SQUARE, [square(1, 1, 1), square(9, 4, 2)], 2, CROSSES, None),
-        (SQUARE, [((0, 2), (3, 2), (3, 4), (0, 4))], 1, CROSSES, None),
-        (SQUARE, [square(7, 7, 2), square(1, 1, 3), square(3, 3, 3)], 2, CROSSES, None),
-        (SQUARE, [square(1, 1, 6), square(3, 3, 2)], 2, "lies within another hole or around it", None),
-        (SQUARE, [((0, 5), (5, 6), (10, 5), (5, 4))], 1, "cuts the field into parts", None),
-        (SQUARE, [((0, 5), (3, 6), (5, 5), (3, 4)), ((5, 5), (7, 6), (10, 5), (7, 4))], None, "", None),
+        (SQUARE, [square(20, 20, 2)], 1, BESIDE, None),
+        (SQUARE, [square(1, 1, 1), square(9, 4, 2)], 2, BESIDE, None),
+        (SQUARE, [((0, 2), (3, 2), (3, 4), (0, 4))], 1, BESIDE, None),
+        (SQUARE, [square(7, 7, 2), square(1, 1, 3), square(3, 3, 3)], 2, BESIDE, None),
+        (SQUARE, [square(1, 1, 6), square(3, 3, 2)], 2, BESIDE, None),
+        (SQUARE, [((0, 5), (5, 6), (10, 5), (5, 4))], 1, BESIDE, None),
+        (SQUARE, [((0, 5), (3, 6), (5, 5), (3, 4)), ((5, 5), (7, 6), (10, 5), (7, 4))], None, BESIDE, None),
     ],
 )
 def test_a_flaw(outline, holes, ring, message, point):
-    (flaw,) = flaws(outline, holes)
-    if ring is None:  # two holes together: either may be named
-        ring, message = flaw.ring, "cuts the field into parts"
-    assert (flaw.ring, flaw.message) == (ring, message)
+    found = flaw(outline, holes)
+    assert found.message == message
+    assert found.ring == ring or ring is None  # of two holes together either may be named
     if point:
-        assert flaw.point_m == point
+        assert found.point_m == point
     rings = [shapely.Polygon(points).exterior for points in (outline, *holes)]
-    assert min(line.distance(shapely.Point(flaw.point_m)) for line in rings) < 1e-9
+    assert min(line.distance(shapely.Point(found.point_m)) for line in rings) < 1e-9
 
 
 @given(grid_rings, st.lists(grid_rings, max_size=3))
 def test_no_flaw_is_found_exactly_where_shapely_finds_a_polygon_valid(outline, holes):
-    found = list(flaws(outline, holes))
-    assert (not found) == shapely.Polygon(outline, holes).is_valid
-    assert all(0 <= flaw.ring <= len(holes) and all(map(math.isfinite, flaw.point_m)) for flaw in found)
+    found = flaw(outline, holes)
+    assert (found is None) == shapely.Polygon(outline, holes).is_valid
+    assert found is None or (found.ring in range(len(holes) + 1) and all(map(math.isfinite, found.point_m)))
 
 
 def test_extents_in_strips():
