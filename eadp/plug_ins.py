@@ -9,7 +9,7 @@
 | `fences` | any | a function from a text to the fences in it as (inside, corners °, place); None where it has no such |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `measurers` | `command` | what `eadp profile --measure` runs |
-| `recordings` | `power` | reads what programs record of a computer's power, for `eadp profile` |
+| `recordings` | `power` | makes tables of what programs record of a computer's power, for `eadp profile` |
 | `log_tables` | `autopilot` | reads topics of an autopilot's log as tables, for `eadp replan` and sorties |
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
 | `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
@@ -64,7 +64,7 @@ OWN: dict[str, dict[str, str]] = {
         "latex": "eadp.check.proof:latex_text",
     },
     "measurers": {"command": "eadp.measure.measuring:measure_profile"},
-    "recordings": {"power": "eadp.measure.recordings:read_recording"},
+    "recordings": {"power": "eadp.measure.recordings:as_tables"},
     "log_tables": {"autopilot": "eadp.measure.autopilot_logs:read_tables"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.recorded:flown_track"},

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 
@@ -62,20 +62,13 @@ class Configuration:
         return configuration_text(self.names, self.values, ",")
 
 
-class Trace(NamedTuple):
-    """A file of measurements, and their configuration if the file has no columns for it."""
-
-    text: Text
-    configuration: Configuration | None = None
-
-
-def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
+def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
     Parameters
     ----------
-    files : sequence of Trace
-        One or more, of the same parameters; the configuration of a file with columns for its parameters is not used.
+    tables : sequence of Text
+        One or more, of the same parameters.
     names : sequence of str
         Names for parameters without names in the file; see `eadp.io.profile.model_file.read_profile`.
 
@@ -94,13 +87,12 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
     layouts: list[_Layout] = []
     sources: list[str] = []
     last: Row
-    for file in files:
-        rows = read_rows(file.text.name, file.text.body, separator(file.text.body))
+    for table in tables:
+        rows = read_rows(table.name, table.body, separator(table.body))
         first = next(rows, None)
         if first is None:
-            message = "no measurements"
-            raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(first, names, file.configuration)
+            raise InputError.at(table.name, 1, 1, "no measurements", f"{_A_HEADER} and a row for each measurement")
+        layout = _layout(first, names)
         own, expected = (
             ", ".join(f"{name} {unit}".strip() for name, unit in zip(each.names, each.units, strict=True))
             for each in (layout, layouts[0] if layouts else layout)
@@ -109,8 +101,8 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
             raise InputError(first.fault(0, f"measurements of {own}", f"{expected}, as in the first file"))
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
         layouts.append(layout)
-        name = "standard input" if file.text.name == "<stdin>" else os.path.basename(file.text.name)
-        sources.append(" ".join(map(str.strip, _SOURCE.findall(file.text.body))) or name)
+        name = "standard input" if table.name == "<stdin>" else os.path.basename(table.name)
+        sources.append(" ".join(map(str.strip, _SOURCE.findall(table.body))) or name)
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
         raise InputError(last.fault(0, message, "measurements of two configurations or more"))
@@ -144,13 +136,6 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
     return profile, warnings
 
 
-def is_trace(text: Text) -> bool:
-    """Whether a table has power but no column of a parameter: power over time at one configuration."""
-    first = next(read_rows(text.name, text.body, separator(text.body)), None)
-    headings = (_headings(first.fields) or []) if first else []
-    return any(each.per_watt for each in headings) and not any(map(_is_parameter, headings))
-
-
 # ── columns ──
 
 
@@ -159,8 +144,7 @@ class _Layout:
     """What the columns of a table mean.
 
     `parameters` and `power` are indices of columns; the power has `per_watt` units to a watt; whether the
-    first row is a `header`; and each row has `width` fields. A trace has no columns of parameters, but the
-    values `constant` of all of them.
+    first row is a `header`; and each row has `width` fields.
     """
 
     names: list[str]
@@ -171,7 +155,6 @@ class _Layout:
     per_watt: float = 1.0
     header: bool = True
     warnings: Sequence[Fault] = ()
-    constant: tuple[float, ...] = ()
     unitless: bool = False
 
 
@@ -185,16 +168,16 @@ class ColumnHeading:
     problem: str = ""
 
 
-def _layout(row: Row, names: Sequence[str], stated: Configuration | None) -> _Layout:
+def _layout(row: Row, names: Sequence[str]) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
     headings = _headings(row.fields)
-    if not stated and headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
+    if headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
         message = "no column for the configuration: it is a trace"
         expected = "that of each file, as in --config fps=2 --config fps=10"
         raise InputError(row.fault(0, message, expected))
-    if len(row.fields) == 1 and not (stated and headings and headings[0].per_watt):
+    if len(row.fields) == 1:
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
-    layout = _headerless(row, names) if headings is None else _header(row, headings, stated)
+    layout = _headerless(row, names) if headings is None else _header(row, headings)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
@@ -242,7 +225,7 @@ def _is_parameter(heading: ColumnHeading) -> bool:
     return bool(heading.name) and not heading.per_watt and not _NO_PARAMETER.match(heading.name)
 
 
-def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration | None) -> _Layout:
+def _header(row: Row, headings: Sequence[ColumnHeading]) -> _Layout:
     _check_headings(row, headings)
     power = _power_column(row, headings)
     if places := [i for i, heading in enumerate(headings) if _POSITION.match(heading.name)]:
@@ -252,17 +235,13 @@ def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration |
     warnings = [
         row.fault(i, f"{heading.name} is no parameter of the computations: ignored")
         for i, heading in enumerate(headings)
-        if heading.name and i != power and not _is_parameter(heading) and (parameters or heading.per_watt)
+        if heading.name and i != power and not _is_parameter(heading)
     ]
     if not headings[power].unit:
         warnings.append(row.fault(power, "power without a unit: taken as W", "power_w, or power [W]"))
     names, units = [headings[i].name for i in parameters], [headings[i].unit for i in parameters]
     per_watt, unitless = headings[power].per_watt, not headings[power].unit
-    layout = _Layout(names, units, parameters, power, len(headings), per_watt, warnings=warnings, unitless=unitless)
-    if parameters:
-        return layout
-    assert stated is not None
-    return replace(layout, names=list(stated.names), units=list(stated.units), constant=stated.values)
+    return _Layout(names, units, parameters, power, len(headings), per_watt, warnings=warnings, unitless=unitless)
 
 
 def _check_headings(row: Row, headings: Sequence[ColumnHeading]) -> None:
@@ -338,7 +317,7 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
         power_w = power / layout.per_watt
         if power_w < 0:
             faults.append(row.fault(layout.power, f"a power of {power_w:g} W", "a power of 0 or more"))
-        point = layout.constant or tuple(values)
+        point = tuple(values)
         _, runs = readings.setdefault(point, (row, []))
         if point != before:
             runs.append([])
