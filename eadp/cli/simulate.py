@@ -42,9 +42,6 @@ class SimulateOutputs:
     strict_solver: bool = False
     """Exit 1 also where a run of the solver fails."""
 
-    verbose: Annotated[bool, Flag("-v --verbose")] = False
-    """Say more: the papers' quantities, the solver's runs."""
-
     format: Literal["text", "json"] = "text"
     """How to print."""
 
@@ -138,7 +135,7 @@ def _text(flight: Flight, output: SimulateOutputs) -> str:
     """The summary for people."""
     from eadp.io.flight import account
 
-    rows = account(flight.summary, flight.inputs.scenario, flight.inputs.world.plan, verbose=output.verbose)
+    rows = account(flight.summary, flight.inputs.scenario, flight.inputs.world.plan)
     if output.out is not None:
         decided = "decisions.jsonl, " if flight.decisions else ""
         names = [f"{kind}.{ending}" for kind in ("flight", output.figure) if kind for ending in ("svg", "png")]

@@ -227,7 +227,8 @@ def as_tables(
         Where the power or the parameters of a text are not known, or the configurations are not those of the traces.
     """
     found = [read_recording(text, columns.power, columns.parameters) for text in texts]
-    places = [each and each.parameters(columns.parameters, stated=bool(configurations)) for each in found]
+    stated = bool(configurations)
+    places = [None if each is None else each.parameters(columns.parameters, stated=stated) for each in found]
     traces = [i for i, own in enumerate(places) if own == []]
     if configurations and len(configurations) != len(traces):
         message = f"{len(configurations)} configurations for {len(traces)} files without columns for them"
@@ -235,11 +236,11 @@ def as_tables(
     if columns.trim and not traces:
         message = "no file is a trace"
         raise InputError.at("--trim", 1, 1, message, "a trace of power over time", str(columns.trim))
-    stated = dict(zip(traces, configurations, strict=False))
+    at = dict(zip(traces, configurations, strict=False))
     tables, notes = list(texts), list[Fault]()
     for i, (each, own) in enumerate(zip(found, places, strict=True)):
         if each is not None and own is not None:
-            tables[i] = each.measurements(own, stated.get(i), columns.trim if i in traces else 0)
+            tables[i] = each.measurements(own, at.get(i), columns.trim if i in traces else 0)
             notes += each.notes()
     return tables, notes
 
