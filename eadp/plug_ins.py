@@ -17,6 +17,7 @@
 | `estimators` | `power`, `log` | a `PowerEstimator`, with the settings in `estimator:`; the same over a log |
 | `result_writers` | any | writes into the folder of a flight: a function of a `Flight` and its path |
 | `result_figures` | of `--figure` | the same, where its name is asked for |
+| `page` | `place`, `check`, `html` | where the page of a result goes, whether it may, and its text |
 | `pages` | any | a `PageSource`: what `eadp report` makes pages of |
 | `results` | `flight` | reads the folder of a flight again |
 | `charts` | `periodogram` | what a figure of another room draws into its axes |
@@ -73,6 +74,11 @@ OWN: dict[str, dict[str, str]] = {
     "estimators": {"power": "eadp.papers.power:PowerTracker", "log": "eadp.papers.power:over_log"},
     "result_writers": {"page": "eadp.report.flight:write_page"},
     "result_figures": {"paper": "eadp.papers.figures:write_figure"},
+    "page": {
+        "place": "eadp.report.page:page_of",
+        "check": "eadp.report.page:check_page",
+        "html": "eadp.report.page:page_html",
+    },
     "pages": {
         "flight": "eadp.report.report:FOLDER",
         "sweep": "eadp.sweep.page:PAGE",

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.api.flight import simulate
+from eadp.api.flight import REPORT, simulate
 from eadp.api.given import FlightOptions, JobKind, job_in
 from eadp.cli.output import Progress, alarm, emit, emit_json, usage_fault, warn
 from eadp.errors import one_of
-from eadp.io.page import REPORT
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import check_new_folder
 from eadp.plug_ins import OWN, added_names, plug_in

@@ -67,11 +67,6 @@ def reserve_text(summary: Mapping[str, Any]) -> str:
     return "not kept, as the flight did not complete" if unspent else "not kept"
 
 
-def percent_text(share: float) -> str:
-    """A share in percent."""
-    return f"{100 * share:.3g} %"
-
-
 Account = list[tuple[str, str]]
 """Labels and texts."""
 
