@@ -94,7 +94,7 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
             raise InputError.at(table.name, 1, 1, "no measurements", f"{_A_HEADER} and a row for each measurement")
         layout = _layout(first, names)
         own, expected = (
-            ", ".join(f"{name} {unit}".strip() for name, unit in zip(each.names, each.units, strict=True))
+            ", ".join(f"{column.name} {column.unit}".strip() for column in each.configuration)
             for each in (layout, layouts[0] if layouts else layout)
         )
         if own != expected:
@@ -117,12 +117,12 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
     if large_w > LARGE_W:
         message = f"a power of {large_w:g} W"
         fault = row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
-        refuse([fault] if layout.unitless else [])
+        refuse([] if layout.columns[layout.power].unit else [fault])
         warnings.append(fault)
     try:
         profile = Profile(
-            names=tuple(layout.names),
-            units=tuple(layout.units),
+            names=tuple(column.name for column in layout.configuration),
+            units=tuple(column.unit for column in layout.configuration),
             configurations=np.array(list(readings)),
             power_w=np.array([each.mean for each in averages]),
             std_w=np.array([each.std for each in averages]),
@@ -140,25 +140,6 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
 
 
 @dataclass(frozen=True)
-class _Layout:
-    """What the columns of a table mean.
-
-    `parameters` and `power` are indices of columns; the power has `per_watt` units to a watt; whether the
-    first row is a `header`; and each row has `width` fields.
-    """
-
-    names: list[str]
-    units: list[str]
-    parameters: list[int]
-    power: int
-    width: int
-    per_watt: float = 1.0
-    header: bool = True
-    warnings: Sequence[Fault] = ()
-    unitless: bool = False
-
-
-@dataclass(frozen=True)
 class ColumnHeading:
     """A column's name and unit ('' unknown); for power, how many of the unit make a watt, else 0."""
 
@@ -166,6 +147,22 @@ class ColumnHeading:
     unit: str
     per_watt: float = 0.0
     problem: str = ""
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What the columns of a table are, and the places of the parameters and the power; whether a row is the header."""
+
+    columns: Sequence[ColumnHeading]
+    parameters: list[int]
+    power: int
+    header: bool = True
+    warnings: Sequence[Fault] = ()
+
+    @property
+    def configuration(self) -> list[ColumnHeading]:
+        """The columns of the parameters."""
+        return [self.columns[i] for i in self.parameters]
 
 
 def _layout(row: Row, names: Sequence[str]) -> _Layout:
@@ -190,7 +187,8 @@ def _headerless(row: Row, names: Sequence[str]) -> _Layout:
     if d > 1 and len(names) != d:
         message = f"{d + 1} columns without names"
         raise InputError(row.fault(0, message, f"{_A_HEADER}, or --names with {d} names"))
-    return _Layout(list(names) if d > 1 else ["c"], [""] * d, list(range(d)), power=d, width=d + 1, header=False)
+    columns = [*(ColumnHeading(name, "") for name in (names if d > 1 else ["c"])), ColumnHeading("power", "W", 1.0)]
+    return _Layout(columns, list(range(d)), power=d, header=False)
 
 
 def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:
@@ -239,9 +237,7 @@ def _header(row: Row, headings: Sequence[ColumnHeading]) -> _Layout:
     ]
     if not headings[power].unit:
         warnings.append(row.fault(power, "power without a unit: taken as W", "power_w, or power [W]"))
-    names, units = [headings[i].name for i in parameters], [headings[i].unit for i in parameters]
-    per_watt, unitless = headings[power].per_watt, not headings[power].unit
-    return _Layout(names, units, parameters, power, len(headings), per_watt, warnings=warnings, unitless=unitless)
+    return _Layout(headings, parameters, power, warnings=warnings)
 
 
 def _check_headings(row: Row, headings: Sequence[ColumnHeading]) -> None:
@@ -303,9 +299,10 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
     for row in rows:
         if len(faults) >= FAULTS_READ:
             break
-        if len(row.fields) != layout.width:
-            at = min(len(row.fields), layout.width)
-            faults.append(row.fault(at, f"{len(row.fields)} fields", f"{layout.width}, as in the first row"))
+        width = len(layout.columns)
+        if len(row.fields) != width:
+            at = min(len(row.fields), width)
+            faults.append(row.fault(at, f"{len(row.fields)} fields", f"{width}, as in the first row"))
             continue
         wrong = [row.fault(i, *fault) for i in columns if (fault := number_fault(row.fields[i], LARGEST))]
         if wrong and layout.header and len(layout.parameters) > 1 and not readings:
@@ -314,7 +311,7 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
             faults += wrong
             continue
         *values, power = (float(row.fields[i]) for i in columns)
-        power_w = power / layout.per_watt
+        power_w = power / layout.columns[layout.power].per_watt
         if power_w < 0:
             faults.append(row.fault(layout.power, f"a power of {power_w:g} W", "a power of 0 or more"))
         point = tuple(values)

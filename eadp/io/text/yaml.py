@@ -170,33 +170,19 @@ def _scalar(node: ScalarNode, path: Path, document: Document, faults: list[Fault
     return number
 
 
-def yaml_text(document: Mapping[str, Any]) -> str:
-    """A document as YAML; in a list of mappings each is a line, unless it has such a list itself."""
-    return "".join(f"{line}\n" for line in _block(document))
-
-
 PLAIN = ("schema", "interpolation")
 """Keys whose texts are words of ours, which need no quotes."""
 
 
-def _block(document: Mapping[str, Any]) -> Iterator[str]:
+def yaml_text(document: Mapping[str, Any]) -> str:
+    """A document as YAML, a key on each line; in a list of mappings each is a line."""
+    lines = []
     for key, value in document.items():
-        if isinstance(value, dict):
-            yield f"{key}:"
-            yield from (f"  {line}" for line in _block(value))
-        elif _is_table(value):
-            yield f"{key}:"
-            for item in value:
-                first, *rest = _block(item) if any(map(_is_table, item.values())) else [_flow(item)]
-                yield f"  - {first}"
-                yield from (f"    {line}" for line in rest)
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            lines += [f"{key}:", *(f"  - {_flow(item)}" for item in value)]
         else:
-            yield f"{key}: {value if key in PLAIN else _flow(value)}"
-
-
-def _is_table(value: Any) -> bool:
-    """Whether a value is a list of mappings."""
-    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+            lines.append(f"{key}: {value if key in PLAIN else _flow(value)}")
+    return "\n".join([*lines, ""])
 
 
 def _flow(value: Any) -> str:
