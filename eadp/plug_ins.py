@@ -9,7 +9,7 @@
 | `fences` | any | a function from a text to the fences in it as (inside, corners °, place); None where it has no such |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `measurers` | `command` | what `eadp profile --measure` runs |
-| `recordings` | `power` | reads what programs record of a computer's power, for `eadp profile` |
+| `recordings` | `power` | makes tables of what programs record of a computer's power, for `eadp profile` |
 | `log_tables` | `autopilot` | reads topics of an autopilot's log as tables, for `eadp replan` and sorties |
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
 | `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
@@ -17,6 +17,7 @@
 | `estimators` | `power`, `log` | a `PowerEstimator`, with the settings in `estimator:`; the same over a log |
 | `result_writers` | any | writes into the folder of a flight: a function of a `Flight` and its path |
 | `result_figures` | of `--figure` | the same, where its name is asked for |
+| `page` | `place`, `check`, `html` | where the page of a result goes, whether it may, and its text |
 | `pages` | any | a `PageSource`: what `eadp report` makes pages of |
 | `results` | `flight` | reads the folder of a flight again |
 | `charts` | `periodogram` | what a figure of another room draws into its axes |
@@ -64,7 +65,7 @@ OWN: dict[str, dict[str, str]] = {
         "latex": "eadp.check.proof:latex_text",
     },
     "measurers": {"command": "eadp.measure.measuring:measure_profile"},
-    "recordings": {"power": "eadp.measure.recordings:read_recording"},
+    "recordings": {"power": "eadp.measure.recordings:as_tables"},
     "log_tables": {"autopilot": "eadp.measure.autopilot_logs:read_tables"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.recorded:flown_track"},
@@ -73,6 +74,11 @@ OWN: dict[str, dict[str, str]] = {
     "estimators": {"power": "eadp.papers.power:PowerTracker", "log": "eadp.papers.power:over_log"},
     "result_writers": {"page": "eadp.report.flight:write_page"},
     "result_figures": {"paper": "eadp.papers.figures:write_figure"},
+    "page": {
+        "place": "eadp.report.page:page_of",
+        "check": "eadp.report.page:check_page",
+        "html": "eadp.report.page:page_html",
+    },
     "pages": {
         "flight": "eadp.report.report:FOLDER",
         "sweep": "eadp.sweep.page:PAGE",

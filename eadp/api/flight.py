@@ -34,7 +34,8 @@ from eadp.plug_ins import plug_in, plug_ins
 from eadp.simulation.loop import RETURNED, Outcome, fly
 
 SCHEMA: Literal["eadp.flight/1"] = "eadp.flight/1"
-SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
+SUMMARY, OVERRIDES, REPORT = "summary.json", "overrides.txt", "report.html"
+"""Files of a flight's folder."""
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
 COUNTED = ("calls", "solved", "retried", "failed", "fallbacks", "closed_form_better", "skipped", "infeasible")

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from eadp.errors import Fault
@@ -54,6 +55,24 @@ class JobKind(NamedTuple):
 
     document: str
     simulate: Callable[..., Any]
+
+
+class PageSource(NamedTuple):
+    """Results that `eadp report` makes a page of; the first of `eadp.plug_ins`' kind `pages` that recognises one does.
+
+    Attributes
+    ----------
+    kind : str
+        Of the page: flight or sweep.
+    recognises : function
+        Whether a path is such a result.
+    data : function
+        The page's data, of the path, the page's path, and where the folders of a sweep's flights are.
+    """
+
+    kind: str
+    recognises: Callable[[Path], bool]
+    data: Callable[[Path, Path, str | None], Mapping[str, Any]]
 
 
 def job_in(path: str) -> JobKind | None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
-from typing import Any
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.io.profile import model_file
@@ -69,11 +67,3 @@ def vehicle(
     return found, performance(
         found.airframe, found.battery, winds_mps, computing_w=computing_w, reserve_soc=reserve_soc
     )
-
-
-PERFORMANCE = "eadp.performance/1"
-
-
-def performance_document(aircraft: VehicleFile, found: Performance) -> dict[str, Any]:
-    """An aircraft's performance as the JSON-ready values of `eadp.performance/1`."""
-    return {"schema": PERFORMANCE, "name": aircraft.name, "model": aircraft.airframe.model, **asdict(found)}

@@ -37,13 +37,8 @@ def emit(text: str) -> None:
 
 def emit_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document; NaN and infinities are refused, as JSON has none."""
-    emit(json_text(document, indent=2))
-
-
-def json_text(document: Any, indent: int | None = None) -> str:
-    """A JSON document in the characters that standard output has; raises ValueError as `emit_json`."""
     plain = not (getattr(sys.stdout, "encoding", None) or "utf-8").lower().startswith("utf")
-    return json.dumps(document, indent=indent, ensure_ascii=plain, allow_nan=False)
+    emit(json.dumps(document, indent=2, ensure_ascii=plain, allow_nan=False))
 
 
 def warn(warnings: Iterable[Fault]) -> None:

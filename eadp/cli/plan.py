@@ -31,9 +31,6 @@ STAGE_SETTINGS = ("altitude_m", "airspeed_mps", "commands")
 class PlanOptions:
     """What is checked, printed and drawn of a plan."""
 
-    verbose: Annotated[bool, Flag("-v --verbose")] = False
-    """Say more: the papers' quantities, the solver's runs."""
-
     format: Literal["text", "json", "plan", "sympy", "latex"] | None = None
     """What to print: a table (text), JSON, the plan in canonical text, or the stages' path functions, gradients,
     Hessians and triggers as sympy or LaTeX expressions [text; plan with --laps, --avoid, --inside or --terrain]."""
@@ -126,7 +123,7 @@ def command(
         emit(_check_text(read))
     else:
         warn(lines)
-        emit(_table(plan, verbose=options.verbose))
+        emit(_table(plan))
     return 1 if read.has_errors else 0
 
 
@@ -293,23 +290,18 @@ def _items(plan: Plan) -> list[str]:
     return lines
 
 
-def _table(plan: Plan, *, verbose: bool) -> str:
-    """A plan as a text table; `verbose` has the structure in the papers' quantities."""
+def _table(plan: Plan) -> str:
+    """A plan as a text table."""
     from eadp.core.expressions.tree import number_text
     from eadp.models.plan.structure import structure_proven
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
-    if not verbose and (items := _items(plan)):
+    if items := _items(plan):
         return "\n".join([*lines, *items])
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
-        names, proven = ", ".join(["x", "y", *plan.path_names]), structure_proven(plan)
-        if verbose:
-            known = "for every" if proven else "at sampled"
-            lines.append(f"structure  n = {plan.primitive_stages}, e_j = 0 {known} {names}")
-        else:
-            lines.append(f"laps       are alike but for the shift: {'proven' if proven else 'sampled'}")
+        lines.append(f"laps       are alike but for the shift: {'proven' if structure_proven(plan) else 'sampled'}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
     if (camera := plan.site.camera) is not None:
         lines.append(f"camera     {camera.text}")

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.api.flight import simulate
+from eadp.api.flight import REPORT, simulate
 from eadp.api.given import FlightOptions, JobKind, job_in
 from eadp.cli.output import Progress, alarm, emit, emit_json, usage_fault, warn
 from eadp.errors import one_of
-from eadp.io.page import REPORT
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import check_new_folder
 from eadp.plug_ins import OWN, added_names, plug_in
@@ -41,9 +40,6 @@ class SimulateOutputs:
 
     strict_solver: bool = False
     """Exit 1 also where a run of the solver fails."""
-
-    verbose: Annotated[bool, Flag("-v --verbose")] = False
-    """Say more: the papers' quantities, the solver's runs."""
 
     format: Literal["text", "json"] = "text"
     """How to print."""
@@ -138,7 +134,7 @@ def _text(flight: Flight, output: SimulateOutputs) -> str:
     """The summary for people."""
     from eadp.io.flight import account
 
-    rows = account(flight.summary, flight.inputs.scenario, flight.inputs.world.plan, verbose=output.verbose)
+    rows = account(flight.summary, flight.inputs.scenario, flight.inputs.world.plan)
     if output.out is not None:
         decided = "decisions.jsonl, " if flight.decisions else ""
         names = [f"{kind}.{ending}" for kind in ("flight", output.figure) if kind for ending in ("svg", "png")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument
@@ -64,7 +64,8 @@ def command(
 
         write_vehicle_figure(options.plot, vehicle.name, vehicle.airframe, found, computing)
     if options.format == "json":
-        emit_json(use_case.performance_document(vehicle, found))
+        named = {"schema": "eadp.performance/1", "name": vehicle.name, "model": vehicle.airframe.model}
+        emit_json(named | asdict(found))
     else:
         pack, lines = vehicle.battery, [vehicle.name] if vehicle.name else []
         lines += [*_sheet(vehicle), *_lines(found, computing)]

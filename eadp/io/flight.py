@@ -66,18 +66,13 @@ def reserve_text(summary: Mapping[str, Any]) -> str:
     return "not kept, as the flight did not complete" if unspent else "not kept"
 
 
-def percent_text(share: float) -> str:
-    """A share in percent."""
-    return f"{100 * share:.3g} %"
-
-
 Account = list[tuple[str, str]]
 """Labels and texts."""
 
 
-def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan, *, verbose: bool = False) -> Account:
+def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Account:
     """A flight for people, as commands and pages print it; how it ended has no label."""
-    power, solver, decisions = summary["power_w"], summary["solver"], summary["decisions"]
+    power, decisions, endurance = summary["power_w"], summary["decisions"], summary["endurance"]
     done = "completed" if summary["completed"] else "NOT completed"
     km = f"{summary['distance_m'] / 1000:.2f} km"
     energy = f"{summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W"
@@ -100,7 +95,8 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan, *, verbo
     if summary["turned_back_m"] is not None:
         x, y = summary["turned_back_m"]
         rows.append(("home", f"decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m"))
-    rows += _endurance(summary["endurance"], verbose=verbose)
+    if endurance is not None and (time_s := endurance["flown"]["time_s"]) is not None:
+        rows.append(("endurance", f"{time_s / 60:.1f} min on a full battery, as flown"))
     rows += [(label_of(name, values), parameter_text(values)) for name, values in summary["parameters"].items()]
     if summary["quality"] is not None:
         ends = "0: widest lines, lowest rates; 1: densest lines, full rates, to the end"
@@ -108,23 +104,8 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan, *, verbo
     if summary["coverage"] is not None:
         rows.append(("covered", f"{100 * summary['coverage']:.2f} % of the field, by the lines flown"))
     replans = f"; re-planned {decisions} times" if decisions else ""
-    if verbose:
-        replans += f"; {summary['replans']} by OSQP ({solver['calls']} runs, {solver['failed']} failed), "
-        replans += f"{solver['skipped']} kept, {solver['fallbacks']} by the fallback, {solver['infeasible']} infeasible"
     rows.append(("planner", f"{summary['planner']}{replans}"))
     return [*rows, *([("solver", failures)] if (failures := solver_text(summary)) else [])]
-
-
-def _endurance(endurance: Mapping[str, Any] | None, *, verbose: bool) -> Account:
-    """How long a full battery lasts with the computations as flown; `verbose` adds the ends of their sets."""
-    if endurance is None or endurance["gain_min_per_h"] is None:
-        return []
-    low, flown, high = (f"{endurance[key]['time_s'] / 60:.1f}" for key in ("lowest", "flown", "highest"))
-    line = f"{flown} min on a full battery, as flown"
-    if verbose and endurance["gain_min_per_h"]:
-        gain = f"{endurance['gain_min_per_h']:.1f} min more in an hour"
-        line += f"; {high} at the highest computations, {low} at the lowest: {gain}"
-    return [("endurance", line)]
 
 
 def _slowed(expected: Mapping[str, Any]) -> Account:

@@ -6,10 +6,8 @@ The settings stand beside what they set, in the dataclasses of models and planni
 from __future__ import annotations
 
 import copy
-import functools
 import itertools
 import json
-import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from functools import cache
@@ -68,18 +66,27 @@ def _or_path(node: dict[str, Any]) -> None:
     node["anyOf"] = [{"type": "string"}, {"$ref": node.pop("$ref")}]
 
 
+@dataclass(frozen=True)
+class _PlannerKeys(SharedSettings):
+    """Settings of every planner, and which of them flies."""
+
+    __pydantic_config__ = STRICT
+
+    name: Annotated[str, Field(json_schema_extra={"enum": [*PLANNERS]})] = DEFAULT
+    """Planner that flies."""
+
+
 @cache
 def _planner_section(others: tuple[str, ...] = ()) -> type[SharedSettings]:
-    """Section `planner`: the shared settings, and a section of each planner's own, those of other packages too."""
-    name = Field(description=f"Planner that flies: {', '.join(PLANNERS)}.", json_schema_extra={"enum": [*PLANNERS]})
-    keys: list[Any] = [("name", Annotated[str, name], DEFAULT)]
+    """Section `planner`: the keys of every planner, and a section of each one's own, those of other packages too."""
+    sections: list[Any] = []
     for planner in (*PLANNERS, *others):
-        own: Any = planner_class(planner).own_settings
-        if own is not None:
-            described: Any = Annotated[own, Field(description=f"Settings of planner {planner} alone.")]
-            keys.append((planner, described, field(default_factory=own)))
-    named = {"__pydantic_config__": STRICT, "__module__": __name__, "__doc__": SharedSettings.__doc__}
-    return make_dataclass("PlannerSection", keys, bases=(SharedSettings,), frozen=True, namespace=named)
+        settings: Any = planner_class(planner).own_settings
+        if settings is not None:
+            described = Field(description=f"Settings of planner {planner} alone.")
+            sections.append((planner, Annotated[settings, described], field(default_factory=settings)))
+    module = {"__module__": __name__}
+    return make_dataclass("PlannerSection", sections, bases=(_PlannerKeys,), frozen=True, namespace=module)
 
 
 if TYPE_CHECKING:
@@ -258,23 +265,19 @@ class Scenario:
             If a parameter is given by both, or what it stands for has no such value.
         """
         titled = {item.title: i for i, item in enumerate(parameters) if item.title}
-        changed = [
-            (path, title, titled[title])
-            for path, values in by_parameter(self.document.value)
-            for title in values
-            if title in titled
-        ]
-        if not changed:
-            return self
         value, renamed = copy.deepcopy(self.document.value), {}
-        for path, title, i in changed:
-            values, item = functools.reduce(operator.getitem, path, value), parameters[i]
-            given, key = values.pop(title), ".".join(map(str, (*path, title)))
-            if item.name in values:
-                raise InputError(self.fault(key, f"{title} is {item.name}, which stands there too", "one of them"))
-            if item.stands_for is not None and path[-1] not in ("weights", "coefficients"):
-                given = self._of_shown(key, item, given, sets[i : i + 1])
-            values[item.name], renamed[*path, title] = given, (*path, item.name)
+        for path, values in by_parameter(value):
+            for title in [name for name in values if name in titled]:
+                given, key = values.pop(title), ".".join(map(str, (*path, title)))
+                i, item = titled[title], parameters[titled[title]]
+                if item.name in values:
+                    message = f"{title} is {item.name}, which stands there too"
+                    raise InputError(self.fault(key, message, "one of them"))
+                if item.stands_for is not None and path[-1] not in ("weights", "coefficients"):
+                    given = self._of_shown(key, item, given, sets[i : i + 1])
+                values[item.name], renamed[*path, title] = given, (*path, item.name)
+        if not renamed:
+            return self
         places = {renamed.get(path, path): found for path, found in self.document.places.items()}
         overrides = {renamed.get(path, path): found for path, found in self.document.overrides.items()}
         return _checked(replace(self.document, value=value, places=places, overrides=overrides), self.vehicle_text)
@@ -325,7 +328,7 @@ class Scenario:
         return self.document.fault(tuple(key.split(".")), message, expected)
 
 
-def by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
+def by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], dict[str, Any]]]:
     """The mappings of a scenario whose keys are parameters, each with its path."""
     planner = value.get("planner") or {}
     paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",)]
@@ -400,8 +403,10 @@ def scenario_of(
     if "vehicle" in overrides:
         _put(document, "vehicle", overrides.pop("vehicle"))
     if path is not None:
-        vehicle_text = _vehicle_text(document, path, text)
-        document.value["vehicle"] = _vehicle_keys(vehicle_text)
+        vehicle_text = text(path)
+        vehicle = keys_document(vehicle_text, VEHICLE_SCHEMA)
+        vehicle_of(vehicle)
+        document.value["vehicle"] = vehicle.value
     for key, given in overrides.items():
         _put(document, key, copy.deepcopy(given))
     return _checked(document, vehicle_text)
@@ -456,22 +461,6 @@ def _validated(document: Document) -> ScenarioFile:
     others = tuple(sorted(filter(is_planner, own - {*PLANNERS})))
     kind = ScenarioFile if vehicle is VehicleFile and not others else _class_of(vehicle, others)
     return validated(kind, document, value, lambda keys: _faults(keys, document))
-
-
-def _vehicle_keys(text: Text) -> Any:
-    document = keys_document(text, VEHICLE_SCHEMA)
-    vehicle_of(document)
-    return copy.deepcopy(document.value)
-
-
-def _vehicle_text(document: Document, path: str, text: TextSource) -> Text:
-    try:
-        return text(path)
-    except InputError as error:
-        fault = error.faults[0]
-        raise InputError(
-            document.fault(("vehicle",), f"{printable(path)} {fault.message}", "the path of a vehicle file")
-        ) from None
 
 
 def override_key(name: str) -> str | None:

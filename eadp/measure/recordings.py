@@ -14,9 +14,10 @@ from itertools import islice
 from typing import NamedTuple
 
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
-from eadp.io.profile.measurements import LARGE_W, has_flags, is_parameter, read_heading
+from eadp.io.profile.measurements import LARGE_W, Configuration, PowerColumns, has_flags, is_parameter, read_heading
 from eadp.io.text.csv import NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.streams import Text
+from eadp.models.profile import titles
 
 
 class Device(NamedTuple):
@@ -158,33 +159,38 @@ class Recording:
             lines[-1] = mark.join([*map(_quoted, fields), "" if power_w is None else f"{power_w:.9g}"])
         return Text(self.text.name, "\n".join([*lines, ""]))
 
-    def measurements(self, of: Sequence[str], trim: int, *, stated: bool) -> Text:
-        """The table of measurements: columns of the parameters `of` and `power_w`; without parameters, a trace.
+    def measurements(self, places: Sequence[int], configuration: Configuration | None, trim: int) -> Text:
+        """The table of measurements, line by line: columns of the parameters, the configuration's, and `power_w`.
 
-        Where configurations are `stated`, several columns beside the power are no parameters. `trim` readings
-        are left out at each end. Raises InputError where the parameters are not known.
+        `trim` readings are left out at each end.
         """
-        places = [] if stated and not of and len(self.others) > 1 else self._parameters(of)
-        if trim and places:
-            raise InputError.at("--trim", 1, 1, "the file has configurations", "a trace of power over time", str(trim))
         powers_w = self.powers_w()
         known = [i for i, each in enumerate(powers_w) if each is not None]
         kept = set(known[trim : len(known) - trim])
+        if not kept:
+            message = f"no readings of {self.power_text}{f', {trim} left out at each end' if trim else ''}"
+            raise InputError(self.header.fault(self.parts[0].place, message, "readings of the power"))
+        stated, values = [], []
+        if configuration is not None:
+            stated = list(titles(configuration.names, configuration.units))
+            values = [repr(value) for value in configuration.values]
         lines = [""] * self.header.line
-        lines[-1] = ",".join([*(_quoted(self.header.fields[i]) for i in places), "power_w"])
+        lines[-1] = ",".join([*(_quoted(self.header.fields[i]) for i in places), *stated, "power_w"])
         for i, (row, power_w) in enumerate(zip(self.rows, powers_w, strict=True)):
             lines += [""] * (row.line - len(lines))
             if i in kept:
                 cells = [row.fields[place] if place < len(row.fields) else "" for place in places]
-                lines[-1] = ",".join([*cells, f"{power_w:.6g}"])
-        if not kept:
-            message = f"no readings of {self.power_text}{f', {trim} left out at each end' if trim else ''}"
-            raise InputError(self.header.fault(self.parts[0].place, message, "readings of the power"))
+                lines[-1] = ",".join([*cells, *values, f"{power_w:.10g}"])
         ends = f", {trim} readings left out at each end" if trim else ""
         name = self.text.name.rpartition("/")[2]
         return Text(self.text.name, "\n".join([*lines, f"# source: {name} ({self.power_text}{ends})", ""]))
 
-    def _parameters(self, of: Sequence[str]) -> list[int]:
+    def parameters(self, of: Sequence[str], *, stated: bool) -> list[int]:
+        """Places of the columns of the parameters: those `of` names, else the one that may be; none of a trace.
+
+        Where configurations are `stated`, several columns beside the power are no parameters. Raises InputError where
+        the parameters are not known.
+        """
         fields = self.header.fields
         if of:
             names = {read_heading(name).name: i for i, name in enumerate(fields)} | {n: i for i, n in enumerate(fields)}
@@ -196,10 +202,49 @@ class Recording:
         if self.timed or not self.others:
             return []
         if len(self.others) > 1:
+            if stated:
+                return []
             message = f"{len(self.others)} columns beside the power: {_names(self.header, self.others)}"
             expected = "the parameters of the computations by name, as in --of fps,keysize; or --config for a trace"
             raise InputError(self.header.fault(self.others[0], message, expected))
         return self.others
+
+
+def as_tables(
+    texts: Sequence[Text], columns: PowerColumns, configurations: Sequence[Configuration]
+) -> tuple[list[Text], list[Fault]]:
+    """Texts as tables of measurements: recordings and traces among them are made such; and what is to be known of them.
+
+    Parameters
+    ----------
+    texts : sequence of Text
+    columns : PowerColumns
+        Which columns are read.
+    configurations : sequence of Configuration
+        Those of the traces among the texts, in their order.
+
+    Raises
+    ------
+    InputError
+        Where the power or the parameters of a text are not known, or the configurations are not those of the traces.
+    """
+    found = [read_recording(text, columns.power, columns.parameters) for text in texts]
+    stated = bool(configurations)
+    places = [None if each is None else each.parameters(columns.parameters, stated=stated) for each in found]
+    traces = [i for i, own in enumerate(places) if own == []]
+    if configurations and len(configurations) != len(traces):
+        message = f"{len(configurations)} configurations for {len(traces)} files without columns for them"
+        raise InputError.at("--config", 1, 1, message, "one for each such file, in order")
+    if columns.trim and not traces:
+        message = "no file is a trace"
+        raise InputError.at("--trim", 1, 1, message, "a trace of power over time", str(columns.trim))
+    at = dict(zip(traces, configurations, strict=False))
+    tables, notes = list(texts), list[Fault]()
+    for i, (each, own) in enumerate(zip(found, places, strict=True)):
+        if each is not None and own is not None:
+            tables[i] = each.measurements(own, at.get(i), columns.trim if i in traces else 0)
+            notes += each.notes()
+    return tables, notes
 
 
 def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()) -> Recording | None:
@@ -222,12 +267,17 @@ def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()
     rows = read_rows(table.name, table.body, None)
     top = list(islice(rows, 2))
     header = top[0] if top else None
-    if header is None or has_flags(header.fields) or all(NUMBER.match(name) for name in header.fields):
-        if asked and header is not None:
-            raise InputError.at("--power", 1, 1, "the columns have no names", "a table with a header", asked[0])
+    if header is None:
         return None
-    behind = _units_behind_numbers(top)
     fields = header.fields
+    if all(NUMBER.match(name) for name in fields):
+        if asked:
+            raise InputError.at("--power", 1, 1, "the columns have no names", "a table with a header", asked[0])
+        if not has_flags(fields) or "100" not in fields or any(name.startswith("2") for name in fields):
+            return None
+        power = PowerColumn(fields.index("100"), "power", 1.0)
+        return Recording(table, header, [*top[1:], *rows], [power], False, [], False, None)
+    behind = _units_behind_numbers(top)
     plain = [i for i, name in enumerate(fields) if read_heading(name).per_watt or _WATTS.match(name)]
     volts, amperes = ([i for i, name in enumerate(fields) if each.match(name)] for each in (_VOLTS, _AMPERES))
     microwatts = [i for i, name in enumerate(fields) if _MICROWATTS.match(name)]
@@ -237,8 +287,9 @@ def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()
     if asked:
         parts = _asked(header, asked)
     elif plain:
-        if not other_power and not of and not any(_WATTS.match(fields[i]) for i in plain):
-            return None  # a table as it is
+        as_it_is = not other_power and not of and not any(_WATTS.match(fields[i]) for i in plain)
+        if as_it_is and any(map(is_parameter, fields)):
+            return None
         parts = [_plain(header, plain)]
     else:
         device, parts = _of_device(header)

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from eadp.api.flight import AIRSPEEDS, Flight, record_row
+from eadp.api.flight import AIRSPEEDS, REPORT, Flight, record_row
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
 from eadp.io.flight import account, flown_coverage, flown_of_plan
-from eadp.io.page import REPORT, page_html, significant
 from eadp.io.scenario import Scenario
+from eadp.io.text.json import significant
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Leg, leg_points, point_at
@@ -24,6 +24,7 @@ from eadp.models.plan.trace import PlanReplay, legs_from, nominal_legs
 from eadp.models.weather import Wind
 from eadp.models.world import World
 from eadp.planning.base import TURNS_BACK
+from eadp.report.page import page_html
 
 MAX_SAMPLES = 5000
 """Most samples of a series: several for each pixel of a chart."""

@@ -13,17 +13,17 @@ from typing import Annotated, Any
 from typer import Argument
 
 from eadp.api.flight import OVERRIDES, SUMMARY
-from eadp.api.given import File
+from eadp.api.given import File, PageSource
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.cli.output import emit
 from eadp.errors import EadpError, InputError, printable
-from eadp.io.page import PageSource, check_page, page_html, page_of
 from eadp.io.scenario import read_overrides, vehicle_path
 from eadp.io.text.json import json_lines
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import output_file, read_text, write_text
 from eadp.plug_ins import plug_ins
 from eadp.report.flight import FlownFlight, flight_data
+from eadp.report.page import check_page, page_html, page_of
 
 
 def _data(path: Path, page: Path, keep: str | None) -> tuple[str, dict[str, Any]]:

@@ -15,12 +15,12 @@ from typer import Argument
 
 from eadp.cli.output import Progress, alarm, emit, usage_fault, warn
 from eadp.errors import printable
-from eadp.io.page import check_page, page_of
 from eadp.io.scenario import read_overrides
 from eadp.io.text.csv import write_rows
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import output_file, read_text, write_text
+from eadp.plug_ins import plug_in
 from eadp.sweep.engines import Result
 from eadp.sweep.page import write_page
 from eadp.sweep.results import (
@@ -97,7 +97,7 @@ def command(
     _check_options(options, output)
     out, require = options.out, output.require
     if out is not None and not options.dry_run:
-        check_page(page_of(out))
+        plug_in("page", "check")(plug_in("page", "place")(out))
     if output.junit is not None:
         output_file(output.junit)
     sweep = read_sweep(read_text(file), read_overrides(options.set_))
@@ -322,7 +322,7 @@ def print_answer(all_flights: Sequence[SweepFlight], out: str | None) -> None:
         lines.append(f"completed  {completed} of {len(made)}: {share}")
     lines += [f"solver     {failures}" for failures in [_solver_text(all_flights)] if failures]
     if out is not None:
-        lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")
+        lines.append(f"results    {printable(out)}, {printable(plug_in('page', 'place')(out).name)}")
     lines += _errors(all_flights)
     emit("\n".join(lines))
 

@@ -9,10 +9,11 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from eadp.api.given import PageSource
 from eadp.errors import printable
-from eadp.io.flight import percent_text
-from eadp.io.page import PageSource, page_html, page_of, significant
+from eadp.io.text.json import significant
 from eadp.io.text.streams import write_text
+from eadp.plug_ins import plug_in
 from eadp.sweep.results import (
     COLUMNS,
     Results,
@@ -83,8 +84,8 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
 
 def write_page(path: str, keep: str | None = None) -> None:
     """Write the page of a results file beside it. `keep` is where the runs' folders are."""
-    page = page_of(path)
-    write_text(str(page), page_html("sweep", sweep_data(path, page, keep)))
+    page = plug_in("page", "place")(path)
+    write_text(str(page), plug_in("page", "html")("sweep", sweep_data(path, page, keep)))
 
 
 SQLITE = b"SQLite format 3\0"
@@ -146,10 +147,8 @@ def sweep_words(
         repeated = len(own) < sum(flight.error is None for flight in flights)
         low, high = (completed_interval(own) if repeated else None) or wilson_interval(completed, made)
         of = f" of {len(own)} distinct flights" if repeated else ""
-        words[0] = (
-            f"{completed} of {made} flights completed: {percent_text(completed / made)} "
-            f"(95 % interval{of} {percent_text(low)} to {percent_text(high)})."
-        )
+        share, least, most = (f"{100 * each:.3g} %" for each in (completed / made, low, high))
+        words[0] = f"{completed} of {made} flights completed: {share} (95 % interval{of} {least} to {most})."
         words.append(f"They ended so: {_counts(reasons)}.")
     if broken:
         words.append(f"{broken} of {count} runs could not be made: {_counts(errors)}.")

@@ -124,6 +124,8 @@ def test_idle_ends_are_left_out_where_asked(eadp, tmp_path):
     files = tmp_path / "a.log", tmp_path / "b.log", "--config", "fps=1", "--config", "fps=2", "--at", "fps=1"
     assert "fps=1: 5.7 W" in eadp("profile", *files).out
     assert "fps=1: 6 W" in eadp("profile", *files, "--trim", "3").out
+    (tmp_path / "a.log").write_text("time_s,power_w\n" + "".join(f"{i},{each / 1000}\n" for i, each in enumerate(rows)))
+    assert "fps=1: 9 W" in eadp("profile", *files, "--trim", "3").out
 
 
 def test_parameters_are_named_or_asked_for(eadp, tmp_path):

@@ -13,7 +13,7 @@ from common.pages import Page
 from scipy.integrate import trapezoid
 
 import eadp as library
-from eadp.io.page import page_html
+from eadp.report.page import page_html
 
 MAX_BYTES = 3_000_000
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")

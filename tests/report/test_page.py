@@ -8,7 +8,7 @@ from common import ROOT
 from common.pages import Page
 
 from eadp.errors import InputError
-from eadp.io.page import check_page, data_json, page_html
+from eadp.report.page import check_page, data_json, page_html
 
 NASTY = [
     "</script><script>alert(1)</script>", "<!--<script>", "a & b", "\u2028\u2029", "{{scripts}}", "\ud800", "]]>", "é",
@@ -44,7 +44,7 @@ def test_the_library_has_its_licence():
 
 def test_scripts_insert_text_alone():
     written = r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(|new Function|DOMParser"
-    for path in (ROOT / "eadp/io/assets").glob("*.js"):
+    for path in (ROOT / "eadp/report/assets").glob("*.js"):
         assert not re.search(written, path.read_text(encoding="utf-8")), path.name
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eadp.io.page import significant
+from eadp.io.text.json import significant
 from eadp.report.flight import MAX_SAMPLES, changes, evenly, sampled
 
 

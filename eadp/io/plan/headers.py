@@ -321,24 +321,22 @@ REPEATED = ("field", "hole", "avoid", "inside")
 """Those that may stand more than once: parts of the field, holes in each, obstacles, outlines of the boundary."""
 
 DEFAULT = "default"
-"""The value of the header `airspeed` from which on it is the aircraft's own again."""
+"""The value of a held header from which on it is the aircraft's own again."""
 
 
-def _airspeed(text: str) -> float | None:
-    if text.strip() == DEFAULT:
-        return None
-    return read_number(text, "an airspeed from 0.1 to 1000 m/s, or default", lambda v: 0.1 <= v <= 1000)
+def _held(text: str, expected: str, valid: Callable[[float], bool]) -> float | None:
+    return None if text.strip() == DEFAULT else read_number(text, f"{expected}, or {DEFAULT}", valid)
 
 
-STAGE_HEADERS: dict[str, tuple[str, Callable[[str], Any]]] = {
-    "altitude": (
-        "altitude_m",
-        partial(read_number, expected="an altitude within ±1e5 m", valid=lambda v: abs(v) <= 1e5),
-    ),
-    "airspeed": ("airspeed_mps", _airspeed),
-    "command": ("commands", partial(numbers, count=8, expected="a command and its seven parameters")),
+HELD = {"altitude": "altitude_m", "airspeed": "airspeed_mps"}
+"""Headers before a stage that hold from there on, and the attribute of a stage."""
+
+STAGE_HEADERS: dict[str, Callable[[str], Any]] = {
+    "altitude": partial(_held, expected="an altitude within ±1e5 m", valid=lambda v: abs(v) <= 1e5),
+    "airspeed": partial(_held, expected="an airspeed from 0.1 to 1000 m/s", valid=lambda v: 0.1 <= v <= 1000),
+    "command": partial(numbers, count=8, expected="a command and its seven parameters"),
 }
-"""Headers before a stage, and the attribute of it: the first two hold from there on, a command for that stage."""
+"""Headers before a stage: `HELD`, and a command for that stage."""
 
 
 def header_lines(plan: Plan) -> list[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -19,7 +19,16 @@ from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, differen
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
-from eadp.io.plan.headers import HEADERS, RADIUS, REPEATED, STAGE_HEADERS, named_unit, read_box, read_number
+from eadp.io.plan.headers import (
+    HEADERS,
+    HELD,
+    RADIUS,
+    REPEATED,
+    STAGE_HEADERS,
+    named_unit,
+    read_box,
+    read_number,
+)
 from eadp.io.plan.writer import parameters_of, point_text
 from eadp.io.text.streams import SourceText, Text
 from eadp.models.airspace import Airspace, Field
@@ -51,9 +60,17 @@ class _Line:
     text: str
     column: int
 
-    def after(self, offset: int) -> _Line:
-        """The rest of the line from an offset on."""
-        return _Line(self.number, self.text[offset:], self.column + offset)
+    def part(self, start: int, end: int | None = None) -> _Line:
+        """A part of the line, without the blanks before it."""
+        text = self.text[start:end]
+        start += len(text) - len(text.lstrip())
+        return _Line(self.number, text.lstrip(), self.column + start)
+
+    def split(self, mark: str) -> list[_Line]:
+        """The parts between marks."""
+        parts = self.text.split(mark)
+        starts = itertools.accumulate((len(each) + 1 for each in parts), initial=0)
+        return [self.part(start, start + len(each)) for start, each in zip(starts, parts, strict=False)]
 
 
 _START = _Line(1, "", 1)
@@ -80,14 +97,12 @@ class _Draft:
 class _Group:
     """The sections of one segment: its loop variables by name (a shift of None is a formula), stages, and end.
 
-    `drafts` is the index of its first stage. A segment with a condition is flown lap by lap until it holds.
+    `drafts` is the index of its first stage. A segment with a condition `until` is flown lap by lap until it holds.
     """
 
     line: _Line
     drafts: int
     init: bool = False
-    conditional: bool = False
-    definitions: list[tuple[str, int, _Line]] = field(default_factory=list)
     coordinates: dict[str, tuple[Expression, Expression | None, _Line]] = field(default_factory=dict)
     n: tuple[int, _Line] | None = None
     final: PointExpression | None = None
@@ -140,7 +155,7 @@ class _Reader:
             if len(self._drafts) > LIMIT_STAGES:
                 raise self._source.error((number, 1), f"more than {LIMIT_STAGES} stages", "as many or fewer")
         if not self._drafts and not self._faults:
-            self._fault(_START, 0, "no stage", STAGE_EXPECTED)
+            self._fault(_START, "no stage", STAGE_EXPECTED)
         self._finish_stages()
         refuse(self._faults)
         plan = self._assembled()
@@ -160,34 +175,29 @@ class _Reader:
         if far is not None:
             message = f"the plan reaches {math.hypot(*far) / 1000:.0f} km from there, as at ({far[0]:g}, {far[1]:g}) m"
             expected = f"metres from it, at most {FARTHEST_M / 1000:g} km"
-            self._fault(self._headers["origin"], 0, message, expected)
+            self._fault(self._headers["origin"], message, expected)
 
     def _unnumbered(self, number: int, raw: str) -> _Line | None:
         """The line without its printed number; comments become headers or nothing."""
-        match = _NUMBERED.match(raw)
-        column = 1
-        if match:
+        line = _Line(number, raw, 1)
+        if match := _NUMBERED.match(raw):
             printed = int(match[1])
             if printed <= self._numbered:
                 expected = f"a number above {self._numbered}"
-                self._fault(_Line(number, raw, 1), match.start(1), f"line number {printed}", expected)
+                self._fault(line, f"line number {printed}", expected, match.start(1))
             self._numbered = max(self._numbered, printed)
-            column += match.end()
-        text = raw[column - 1 :]
-        stripped = text.lstrip()
-        if stripped[:1] in ("%", "#"):
-            if stripped[:2] == "%:":
-                offset = len(text) - len(stripped) + 2
-                self._read_header(_Line(number, text, column).after(offset))
-            return None
-        return _Line(number, text, column)
+            line = line.part(match.end())
+        start = line.text.lstrip()[:2]
+        if start == "%:":
+            self._read_header(line.part(0).part(2))
+        return None if start[:1] in ("%", "#") else line
 
     def _read_line(self, line: _Line) -> None:
         section = _SECTION.match(line.text)
         if section:
             if self._drafts and not self._groups:
                 what = f"a section {section[1]}: after stages without sections"
-                self._fault(line, 0, what, "sections from the start")
+                self._fault(line, what, "sections from the start")
             self._begin_section(section[1], line)
         elif self._section == "init":
             self._read_definition(line)
@@ -210,23 +220,21 @@ class _Reader:
         """The line of a section `trig:`: a final point, or the condition on which laps end."""
         group = self._groups[-1]
         if group.final is not None or group.until is not None:
-            self._fault(line, 0, "a second final point", "one")
+            self._fault(line, "a second final point", "one")
         group.final_line = line
-        left, sign, right = line.text.partition(">=")
+        left, sign, _ = line.text.partition(">=")
         if not sign:
             group.final = self._point(line, "a final point like 175, 161")
             return
-        group.conditional = group.init
-        sides = (self._scalar(line, left, 0), self._scalar(line, right, len(left) + 2))
         if not group.init:
-            self._fault(line, 0, "an end of laps without a section init:", "a section init: that names a coordinate")
-        if sides[0] is not None and sides[1] is not None:
-            group.until = (sides[0], sides[1])
+            self._fault(line, "an end of laps without a section init:", "a section init: that names a coordinate")
+        sides = (self._scalar(line.part(0, len(left))), self._scalar(line.part(len(left) + 2)))
+        group.until = (sides[0] or _NOWHERE[0], sides[1] or _NOWHERE[1])
 
-    def _scalar(self, line: _Line, text: str, start: int) -> Expression | None:
+    def _scalar(self, line: _Line) -> Expression | None:
         """A number in parameters and loop variables."""
-        value = self._expression(line, text, start)
-        free = value is not None and self._is_free(line, start, [value], "a value", "numbers and names")
+        value = self._expression(line)
+        free = value is not None and self._is_free(line, [value], "a value", "numbers and names")
         return value if free else None
 
     def _read_stage_line(self, line: _Line) -> None:
@@ -237,13 +245,13 @@ class _Reader:
             self._read_head(line)
         elif not self._drafts:
             if self._header_shift is not None or self._groups:
-                self._fault(line, 0, "neither a stage nor a header", STAGE_EXPECTED)
+                self._fault(line, "neither a stage nor a header", STAGE_EXPECTED)
             else:
                 self._header_shift_line = line
                 self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
         elif self._drafts[-1].trigger_line not in (None, _START):
             what = f"stage {len(self._drafts)} has its trigger already"
-            self._fault(line, 0, what, "a set like [2, 10] or a new stage")
+            self._fault(line, what, "a set like [2, 10] or a new stage")
         else:
             self._read_trigger(line)
 
@@ -253,47 +261,43 @@ class _Reader:
         draft = _Draft(line, flown=self._flown | {"commands": tuple(self._commands)})
         self._commands = []
         self._drafts.append(draft)
-        parts = line.text.split(";")
+        parts = line.split(";")
         if len(parts) != 3:
-            self._fault(line, 0, f"a stage with {len(parts)} parts between semicolons", STAGE_EXPECTED)
+            self._fault(line, f"a stage with {len(parts)} parts between semicolons", STAGE_EXPECTED)
             return
-        starts = [0, len(parts[0]) + 1, len(parts[0]) + len(parts[1]) + 2]
-        draft.gain = self._number(line, parts[0], starts[0], "a gain of 0 or more", lambda gain: gain >= 0)
+        gain, rotation, draft.path_line = parts
+        draft.gain = self._number(gain, "a gain of 0 or more", lambda value: value >= 0)
         expected = "a rotation of 90 or 270 (or 0 for 90, 1 for 270)"
-        rotation = self._number(line, parts[1], starts[1], expected, lambda r: r in (0, 1, 90, 270))
-        if rotation is not None:
-            draft.rotation = {0: 90, 1: 270}.get(int(rotation), int(rotation))
-        path = parts[2].lstrip()
-        start = starts[2] + len(parts[2]) - len(path)
-        draft.path_line = line.after(start)
-        draft.path = self._expression(line, path, start)
+        degrees = self._number(rotation, expected, lambda value: value in (0, 1, 90, 270))
+        if degrees is not None:
+            draft.rotation = {0: 90, 1: 270}.get(int(degrees), int(degrees))
+        draft.path = self._expression(draft.path_line)
         if draft.path is not None and not draft.path.names & {"x", "y"}:
-            self._fault(line, start, "a path that names neither x nor y", "a path function of x and y")
+            self._fault(draft.path_line, "a path that names neither x nor y", "a path function of x and y")
 
     def _read_trigger(self, line: _Line) -> None:
         draft = self._drafts[-1]
         draft.trigger_line = line
         end = _second_comma(line.text)
         if end is not None:
-            draft.radius_m = self._number(line, line.text[end + 1 :], end + 1, *RADIUS)
+            radius = line.part(end + 1)
+            draft.radius_m = self._number(radius, *RADIUS)
             if _LIKE_DECIMALS.search(line.text):
-                radius = printable(line.text[end + 1 :].strip(), 40)
-                message = f"a trigger with a radius of {radius} m, or a decimal comma"
+                message = f"a trigger with a radius of {printable(radius.text.strip(), 40)} m, or a decimal comma"
                 self._findings.append(Finding("warning", len(self._drafts), line.number, "comma", message, line.column))
-        expected = f"the trigger of stage {len(self._drafts)}, like -115, 146"
-        draft.trigger = self._point(replace(line, text=line.text[:end]), expected)
+        draft.trigger = self._point(line.part(0, end), f"the trigger of stage {len(self._drafts)}, like -115, 146")
 
     def _read_set(self, line: _Line) -> None:
         if not self._drafts:
-            self._fault(line, 0, "a set before the first stage", STAGE_EXPECTED)
+            self._fault(line, "a set before the first stage", STAGE_EXPECTED)
             return
         draft = self._drafts[-1]
         if draft.trigger_line is None:
             what = f"a set before the trigger of stage {len(self._drafts)}"
-            self._fault(line, 0, what, "its trigger, like -115, 146")
+            self._fault(line, what, "its trigger, like -115, 146")
             draft.trigger_line = _START  # one mistake is one fault; a trigger below is still read
         which = f" as set {len(draft.sets) + 1} of stage {len(self._drafts)}"
-        draft.sets.append(self._attempt(line, 0, "", partial(read_box, line.text, which)))
+        draft.sets.append(self._attempt(line, partial(read_box, which=which)))
         draft.set_lines.append(line)
 
     # --- sections of the short form
@@ -302,77 +306,58 @@ class _Reader:
         group = self._groups[-1]
         match = _DEFINITION.match(line.text)
         if not match:
-            self._fault(line, 0, "no definition", "n = 4, or a coordinate like p1x = -115, 10")
+            self._fault(line, "no definition", "n = 4, or a coordinate like p1x = -115, 10")
             return
-        name, start = match[1], match.end()
-        rest = line.text[start:]
+        name, own, values = match[1], line.part(0), line.part(match.end())
         if name == "n":
-            n = self._number(line, rest, start, "a whole number of stages, 1 or more", lambda v: v >= 1 and v == int(v))
+            n = self._number(values, "a whole number of stages, 1 or more", lambda v: v >= 1 and v == int(v))
             if group.n is not None:
-                self._fault(line, match.start(1), "n stands twice", "it once")
+                self._fault(own, "n stands twice", "it once")
             if n is not None:
                 group.n = (int(n), line)
             return
         if _RESERVED.match(name) or name in FUNCTIONS:
-            self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
+            self._fault(own, f"{name} cannot be the name of a coordinate", "another name")
         elif name in group.coordinates:
-            self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
+            self._fault(own, f"the coordinate {name} stands twice", "it once")
         # it may name what stands below it, if its laps end on a condition: read once all is known
-        group.coordinates[name] = (*_NOWHERE, line.after(start))
-        group.definitions.append((name, start, line))
+        group.coordinates[name] = (*_NOWHERE, values)
 
     def _read_definitions(self, group: _Group) -> None:
         """The coordinates, each a first value and a shift; of a segment that ends on a condition formulas, too."""
-        formulas: set[str] = set()
-        names = {name for name, _, _ in group.definitions} if group.conditional else set[str]()
-        expected = "" if group.conditional else "a first value and a shift, like -115, 10"
+        names = set(group.coordinates) if group.until else set[str]()
+        count, expected = (None, "") if group.until else (2, "a first value and a shift, like -115, 10")
         if len(names) > VARIABLES_LIMIT:
-            line = group.definitions[VARIABLES_LIMIT][2]
-            self._fault(line, 0, f"{len(names)} loop variables in a segment", f"at most {VARIABLES_LIMIT}")
+            self._fault(group.line, f"{len(names)} loop variables in a segment", f"at most {VARIABLES_LIMIT}")
             return
-        for name, start, line in group.definitions:
-            rest = line.text[start:]
-            count = None if group.conditional else 2
-            values = self._attempt(line, start, expected, partial(read_expressions, rest, names, count=count))
+        for name, (_, _, line) in group.coordinates.items():
+            values = self._attempt(line, partial(read_expressions, names=names, count=count), expected)
             if values is None:  # the name stays defined: one mistake is one fault
                 continue
             if len(values) > 2:
-                self._fault(line, start, f"{len(values)} values", "a first value and a shift, or a formula alone")
-                continue
-            if any(part.names & {"x", "y"} for part in values):
-                self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
-                continue
-            place = group.coordinates[name][2]
-            if len(values) == 2:
-                used = sorted(values[0].names & names)
-                if used:
+                self._fault(line, f"{len(values)} values", "a first value and a shift, or a formula alone")
+            elif self._is_free(line, values, "a coordinate", "numbers and parameters"):
+                first, shift = values if len(values) == 2 else (values[0], None)
+                group.coordinates[name] = (first, shift, line)
+                if shift is not None and (used := sorted(first.names & names)):
                     what = f"the first value of {name} names {used[0]}"
-                    self._fault(line, start + values[0].offsets[used[0]], what, "numbers and parameters")
-                group.coordinates[name] = (values[0], values[1], place)
-            else:
-                group.coordinates[name] = (values[0], None, place)
-                formulas.add(name)
-        known: set[str] = set()
-        for name, start, line in group.definitions:
-            if name not in formulas:
-                continue
-            formula = group.coordinates[name][0]
-            for other in sorted((formula.names & formulas) - known):
-                source = "itself" if other == name else f"{other}, which stands below it"
-                message = f"{name} is computed from {source}"
-                self._fault(line, start + formula.offsets[other], message, "formulas above it")
-            known.add(name)
+                    self._fault(line, what, "numbers and parameters", first.offsets[used[0]])
+        formulas = [name for name, (_, shift, _) in group.coordinates.items() if shift is None]
+        for i, name in enumerate(formulas):
+            formula, _, line = group.coordinates[name]
+            for other in sorted(formula.names.intersection(formulas[i:])):
+                what = "itself" if other == name else f"{other}, which stands below it"
+                self._fault(line, f"{name} is computed from {what}", "formulas above it", formula.offsets[other])
 
     # --- headers
 
     def _read_header(self, line: _Line) -> None:
         key, _, rest = line.text.strip().partition(" ")
-        own = line.after(len(line.text.rstrip()) - len(rest.lstrip()))
+        own = line.part(len(line.text.rstrip()) - len(rest.lstrip()))
         if key in STAGE_HEADERS:
-            attribute, read = STAGE_HEADERS[key]
-            value = self._attempt(own, 0, "", partial(read, own.text))
-            if key != "command":
-                self._flown[attribute] = value
+            value = self._attempt(own, STAGE_HEADERS[key])
+            if key in HELD:
+                self._flown[HELD[key]] = value
             elif value is not None:
                 self._commands.append(value)
         elif key not in HEADERS:
@@ -381,12 +366,12 @@ class _Reader:
             self._findings.append(Finding("warning", None, line.number, "unknown-header", message, line.column))
         else:
             header = HEADERS[key]
-            value = self._attempt(own, 0, "", partial(header.read, own.text)) if header.read else None
+            value = self._attempt(own, header.read) if header.read else None
             if key in REPEATED:
                 self._areas.append((key, own, value))
                 return
             if key in self._headers:
-                self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
+                self._fault(line, f"the header {key} stands twice", "it once")
             self._headers[key] = own
             if value is not None:
                 self._values[key] = value
@@ -406,7 +391,7 @@ class _Reader:
         """The field: the outline of each part counter-clockwise, and its holes clockwise."""
         rings = [(key == "field", line, ring) for key, line, ring in self._areas if key in ("field", "hole")]
         if rings and not rings[0][0]:
-            self._fault(rings[0][1], 0, "a hole of no field", "a header field before it")
+            self._fault(rings[0][1], "a hole of no field", "a header field before it")
             return None
         if not rings or not all(ring for _, _, ring in rings):
             return None
@@ -434,27 +419,25 @@ class _Reader:
         if line is None:
             return ()
         result: list[Title] = []
-        offset = 0
-        for part in line.text.split(","):
-            head, equals, formula = part.partition("=")
+        for part in line.split(","):
+            head, equals, _ = part.text.partition("=")
             name, unit = named_unit(head)
             if not name or _RESERVED.match(name) or name in [*taken, *(title.name for title in result)]:
                 expected = "names like spacing, spacing [m] = 150 - 2*sqrt(4900 + c1)"
-                self._fault(line, offset, "a path parameter without a name of its own", expected)
+                self._fault(part, "a path parameter without a name of its own", expected)
                 return ()
-            at, own = offset + len(head) + 1, f"c{len(result) + 1}"
-            stands_for = self._expression(line, formula, at) if equals else None
+            own, formula = f"c{len(result) + 1}", part.part(len(head) + 1)
+            stands_for = self._expression(formula) if equals else None
             boxes = [draft.sets[len(result)] for draft in self._drafts if len(draft.sets) > len(result)]
             boxes += [sets.get(len(result) + 1)]
             if stands_for is not None and stands_for.names != {own}:
-                self._fault(line, at, f"{name} is no expression in {own} alone", f"one, as in 2*sqrt({own})")
+                self._fault(formula, f"{name} is no expression in {own} alone", f"one, as in 2*sqrt({own})")
             elif stands_for is not None and not all(_is_monotonic(stands_for, own, box) for box in boxes if box):
-                self._fault(line, at, f"{name} neither rises nor falls over all of the set of {own}", "one that does")
+                self._fault(formula, f"{name} neither rises nor falls over all of the set of {own}", "one that does")
             result.append(Title(name, unit, stands_for))
-            offset += len(part) + 1
         if len(result) != path_count:
             expected = "a name for each parameter that a path, a trigger or a shift names"
-            self._fault(line, 0, f"{len(result)} names for {path_count} path parameters", expected)
+            self._fault(line, f"{len(result)} names for {path_count} path parameters", expected)
         return tuple(result)
 
     # --- from drafts to a plan
@@ -464,11 +447,11 @@ class _Reader:
         for group in self._groups:
             self._read_definitions(group)
         if self._commands:
-            self._fault(_Line(len(self._source.lines), "", 1), 0, "a command after the last stage", "a stage after it")
+            self._fault(_Line(len(self._source.lines), "", 1), "a command after the last stage", "a stage after it")
         for index, draft in enumerate(self._drafts, 1):
             if draft.trigger_line is None:
                 expected = f"the trigger of stage {index} on the next line, like -115, 146"
-                self._fault(draft.line, 0, f"stage {index} has no trigger", expected)
+                self._fault(draft.line, f"stage {index} has no trigger", expected)
         if not self._drafts:
             return
         self._check_set_counts()
@@ -482,32 +465,32 @@ class _Reader:
                 continue
             place = draft.set_lines[-1] if draft.set_lines else draft.line
             message = f"stage {index} has {len(draft.sets)} sets where stage 1 has {first}"
-            self._fault(place, 0, message, "the same number of sets in every stage")
+            self._fault(place, message, "the same number of sets in every stage")
 
     def _check_sections(self) -> None:
         for group, drafts in self._group_drafts():
             if group.n is not None and group.n[0] != len(drafts):
                 stages, line = group.n
-                self._fault(line, 0, f"n = {stages} where {len(drafts)} stages follow", f"n = {len(drafts)}")
+                self._fault(line, f"n = {stages} where {len(drafts)} stages follow", f"n = {len(drafts)}")
             elif not drafts and not self._faults:
-                self._fault(group.line, 0, "a segment without stages", "a section path: with some")
-        if len(self._groups) == 1 and not self._groups[0].conditional:
+                self._fault(group.line, "a segment without stages", "a section path: with some")
+        if len(self._groups) == 1 and not self._groups[0].until:
             if self._groups[0].final is None and not self._faults:
-                self._fault(_Line(len(self._source.lines), "", 1), 0, "no final point", "a section trig: with one")
+                self._fault(_Line(len(self._source.lines), "", 1), "no final point", "a section trig: with one")
             if not self._groups[0].coordinates and not self._faults:
                 what = "a section path: without coordinates"
-                self._fault(self._drafts[0].line, 0, what, "a section init: that names some")
+                self._fault(self._drafts[0].line, what, "a section init: that names some")
             return
         for group in self._groups:
             if group.init and group.until is None and not self._faults:
                 place = group.final_line if group.final else group.line
-                self._fault(place, 0, "laps that do not end on a condition", "a section trig: like s >= 90")
+                self._fault(place, "laps that do not end on a condition", "a section trig: like s >= 90")
             elif group.final is not None:
-                self._fault(group.final_line, 0, "a final point of a segment that is flown once", "no section trig:")
+                self._fault(group.final_line, "a final point of a segment that is flown once", "no section trig:")
         last = self._groups[-1]
         if last.until is not None and not self._faults:
             what = "the plan ends with laps that end on a condition"
-            self._fault(last.final_line, 0, what, "a section path: after it, whose last trigger is the final point")
+            self._fault(last.final_line, what, "a section path: after it, whose last trigger is the final point")
 
     def _group_drafts(self) -> Iterator[tuple[_Group, list[_Draft]]]:
         """Each segment with its stages."""
@@ -520,19 +503,19 @@ class _Reader:
         path_count = max((part.max_parameter for _, part, _ in self._named()), default=0)
         sets: Mapping[int, Box] = self._values.get("sets", {})
         if sets and count:
-            self._fault(self._headers["sets"], 0, "a header sets beside stages that carry sets", "one or the other")
+            self._fault(self._headers["sets"], "a header sets beside stages that carry sets", "one or the other")
         elif sets:
             count = max(sets)
             missing = [f"c{i}" for i in range(1, max(count, path_count) + 1) if i not in sets]
             if missing:
-                self._fault(self._headers["sets"], 0, f"no set for {', '.join(missing)}", "a set for every parameter")
+                self._fault(self._headers["sets"], f"no set for {', '.join(missing)}", "a set for every parameter")
                 refuse(self._faults)
         if count:
-            self._check_indices(count, path_count)
+            self._check_indices(count)
         computations = self._values.get("computations", ())
         if count >= path_count and count and computations and len(computations) != count - path_count:
             message = f"{len(computations)} names for {count - path_count} computations"
-            self._fault(self._headers["computations"], 0, message, "a name for each set after the paths'")
+            self._fault(self._headers["computations"], message, "a name for each set after the paths'")
         taken = {name for name, _ in computations}
         titles = self._paths(path_count, taken, sets)
         self._check_computation_sets(path_count, sets)
@@ -563,7 +546,7 @@ class _Reader:
 
     def _parts(self) -> tuple[Segment, ...]:
         """The segments of a plan; none of the papers' short form."""
-        if not self._groups or (len(self._groups) == 1 and not self._groups[0].conditional):
+        if not self._groups or (len(self._groups) == 1 and not self._groups[0].until):
             return ()
         return tuple(
             Segment(
@@ -612,7 +595,7 @@ class _Reader:
             try:
                 placed.append(substituted(part, values))
             except ExpressionError as error:
-                self._fault(line, error.offset, error.message, error.expected)
+                self._fault(line, error.message, error.expected, error.offset)
                 refuse(self._faults)
         return placed[0], (placed[1], placed[2])
 
@@ -629,23 +612,23 @@ class _Reader:
             yield from ((f"stage {index}", value, draft.trigger_line or _START) for value in draft.trigger or ())
         yield from (("the shift", value, self._header_shift_line) for value in self._header_shift or ())
 
-    def _check_indices(self, count: int, path_count: int) -> None:
+    def _check_indices(self, count: int) -> None:
         """An index without a set is an error at the expression that names it."""
         for who, part, line in self._named():
-            if path_count > count < part.max_parameter:
+            if part.max_parameter > count:
                 name = f"c{part.max_parameter}"
                 message = f"{who} names {name} where stages have {count} sets"
-                self._fault(line, part.offsets.get(name, 0), message, f"a set for {name}")
+                self._fault(line, message, f"a set for {name}", part.offsets.get(name, 0))
 
     def _check_computation_sets(self, path_count: int, header_sets: Mapping[int, Box]) -> None:
         for draft in self._drafts:
             for i, (box, line) in enumerate(zip(draft.sets, draft.set_lines, strict=True)):
                 if i >= path_count and box is not None and box.lo < 0:
-                    self._fault(line, 0, f"a computation's set that starts at {number_text(box.lo)}", "0 or more")
+                    self._fault(line, f"a computation's set that starts at {number_text(box.lo)}", "0 or more")
         for i, box in header_sets.items():
             if i > path_count and box.lo < 0:
                 message = f"the set of computation c{i} starts at {number_text(box.lo)}"
-                self._fault(self._headers["sets"], 0, message, "0 or more")
+                self._fault(self._headers["sets"], message, "0 or more")
 
     def _check_smoothness(self, plan: Plan) -> None:
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
@@ -672,12 +655,12 @@ class _Reader:
             expected = f"a shift of ({point_text(shift)})"
             if not (equal(d[0], shift[0]) and equal(d[1], shift[1])):
                 message = f"the trigger of stage {stage.index} does not shift as that of stage 1 does"
-                self._fault(draft.trigger_line or _START, 0, message, expected)
+                self._fault(draft.trigger_line or _START, message, expected)
             elif not moves_with(shift, stage.path, path):
                 message = f"the path of stage {stage.index} does not shift as its trigger does"
-                self._fault(draft.path_line, 0, message, expected)
+                self._fault(draft.path_line, message, expected)
         if shift is not None and all(not part.names and part.at() == 0 for part in shift):
-            self._fault(_Line(self._drafts[0].line.number, "", 1), 0, "a plan that repeats without a shift", "a shift")
+            self._fault(_Line(self._drafts[0].line.number, "", 1), "a plan that repeats without a shift", "a shift")
         stages = tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger)
         return replace(
             plan,
@@ -690,38 +673,35 @@ class _Reader:
 
     # --- reading parts of a line, faults recorded
 
-    def _fault(self, line: _Line, offset: int, message: str, expected: str = "") -> None:
+    def _fault(self, line: _Line, message: str, expected: str = "", offset: int = 0) -> None:
         self._faults.append(self._source.fault((line.number, line.column + offset), message, expected))
 
-    def _attempt(self, line: _Line, start: int, expected: str, read: Callable[[], T]) -> T | None:
+    def _attempt(self, line: _Line, read: Callable[[str], T], expected: str = "") -> T | None:
         try:
-            return read()
+            return read(line.text)
         except ExpressionError as error:
             what = f"{error.expected} ({expected})" if expected and error.expected else expected or error.expected
-            self._fault(line, start + error.offset, error.message, what)
+            self._fault(line, error.message, what, error.offset)
             return None
 
-    def _expression(self, line: _Line, text: str, start: int) -> Expression | None:
-        return self._attempt(line, start, "", lambda: read_expression(text, self._coordinates))
+    def _expression(self, line: _Line) -> Expression | None:
+        return self._attempt(line, partial(read_expression, names=self._coordinates))
 
     def _point(self, line: _Line, expected: str) -> PointExpression | None:
-        pair = self._attempt(line, 0, expected, partial(read_expressions, line.text, self._coordinates, count=2))
-        free = pair is not None and self._is_free(line, 0, pair, "a point", "numbers and parameters")
+        pair = self._attempt(line, partial(read_expressions, names=self._coordinates, count=2), expected)
+        free = pair is not None and self._is_free(line, pair, "a point", "numbers and parameters")
         return (pair[0], pair[1]) if pair and free else None
 
-    def _is_free(self, line: _Line, start: int, parts: list[Expression], what: str, expected: str) -> bool:
+    def _is_free(self, line: _Line, parts: Sequence[Expression], what: str, expected: str) -> bool:
         """Whether expressions do not depend on x or y; else the first that does is a fault."""
-        for part in parts:
-            for name in ("x", "y"):
-                if name in part.offsets:
-                    self._fault(line, start + part.offsets[name], f"{what} that depends on {name}", expected)
-                    return False
+        for part, name in itertools.product(parts, ("x", "y")):
+            if name in part.offsets:
+                self._fault(line, f"{what} that depends on {name}", expected, part.offsets[name])
+                return False
         return True
 
-    def _number(
-        self, line: _Line, text: str, start: int, expected: str, valid: Callable[[float], bool]
-    ) -> float | None:
-        return self._attempt(line, start, "", partial(read_number, text, expected, valid))
+    def _number(self, line: _Line, expected: str, valid: Callable[[float], bool]) -> float | None:
+        return self._attempt(line, partial(read_number, expected=expected, valid=valid))
 
 
 def _is_monotonic(expression: Expression, name: str, box: Box) -> bool:

@@ -6,11 +6,11 @@ Source: draft 002, Appendix II.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from eadp.core.expressions.tree import Expression, number_text
 from eadp.errors import InputError
-from eadp.io.plan.headers import DEFAULT, header_lines
+from eadp.io.plan.headers import DEFAULT, HELD, header_lines
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PointExpression, Segment, Stage
 
@@ -55,20 +55,24 @@ def _part_lines(plan: Plan, part: Segment) -> list[str]:
 
 
 def _stage_lines(plan: Plan, stage: Stage, path: Expression, trigger: PointExpression) -> list[str]:
-    own = "" if stage.radius_m is None else f", {number_text(stage.radius_m)}"
+    """A stage with its headers, of which a held one stands where it changes."""
+    radius_text = "" if stage.radius_m is None else f", {number_text(stage.radius_m)}"
     before = plan.stages[stage.index - 2] if stage.index > 1 else None
-    headers = []
-    for key, name in (("altitude", "altitude_m"), ("airspeed", "airspeed_mps")):
-        value = getattr(stage, name)
-        if value != getattr(before, name, None):
-            headers.append(f"%: {key} {DEFAULT if value is None else number_text(value)}")
-    headers += [f"%: command {' '.join(map(number_text, command))}" for command in stage.commands]
     return [
-        *headers,
+        *_changed_settings(before, stage),
+        *(f"%: command {' '.join(map(number_text, command))}" for command in stage.commands),
         f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}",
-        point_text(trigger) + own,
+        point_text(trigger) + radius_text,
         *(f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets),
     ]
+
+
+def _changed_settings(before: Stage | None, stage: Stage) -> Iterator[str]:
+    """Headers of what a stage holds and the one before did not; `DEFAULT` ends what that one held."""
+    for key, attribute in HELD.items():
+        held, value = getattr(before, attribute, None), getattr(stage, attribute)
+        if value != held:
+            yield f"%: {key} {DEFAULT if value is None else number_text(value)}"
 
 
 def point_text(point: PointExpression) -> str:

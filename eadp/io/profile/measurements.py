@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 
@@ -62,20 +62,13 @@ class Configuration:
         return configuration_text(self.names, self.values, ",")
 
 
-class Trace(NamedTuple):
-    """A file of measurements, and their configuration if the file has no columns for it."""
-
-    text: Text
-    configuration: Configuration | None = None
-
-
-def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
+def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
     Parameters
     ----------
-    files : sequence of Trace
-        One or more, of the same parameters; the configuration of a file with columns for its parameters is not used.
+    tables : sequence of Text
+        One or more, of the same parameters.
     names : sequence of str
         Names for parameters without names in the file; see `eadp.io.profile.model_file.read_profile`.
 
@@ -94,23 +87,22 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
     layouts: list[_Layout] = []
     sources: list[str] = []
     last: Row
-    for file in files:
-        rows = read_rows(file.text.name, file.text.body, separator(file.text.body))
+    for table in tables:
+        rows = read_rows(table.name, table.body, separator(table.body))
         first = next(rows, None)
         if first is None:
-            message = "no measurements"
-            raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(first, names, file.configuration)
+            raise InputError.at(table.name, 1, 1, "no measurements", f"{_A_HEADER} and a row for each measurement")
+        layout = _layout(first, names)
         own, expected = (
-            ", ".join(f"{name} {unit}".strip() for name, unit in zip(each.names, each.units, strict=True))
+            ", ".join(f"{column.name} {column.unit}".strip() for column in each.configuration)
             for each in (layout, layouts[0] if layouts else layout)
         )
         if own != expected:
             raise InputError(first.fault(0, f"measurements of {own}", f"{expected}, as in the first file"))
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
         layouts.append(layout)
-        name = "standard input" if file.text.name == "<stdin>" else os.path.basename(file.text.name)
-        sources.append(" ".join(map(str.strip, _SOURCE.findall(file.text.body))) or name)
+        name = "standard input" if table.name == "<stdin>" else os.path.basename(table.name)
+        sources.append(" ".join(map(str.strip, _SOURCE.findall(table.body))) or name)
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
         raise InputError(last.fault(0, message, "measurements of two configurations or more"))
@@ -125,12 +117,12 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
     if large_w > LARGE_W:
         message = f"a power of {large_w:g} W"
         fault = row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
-        refuse([fault] if layout.unitless else [])
+        refuse([] if layout.columns[layout.power].unit else [fault])
         warnings.append(fault)
     try:
         profile = Profile(
-            names=tuple(layout.names),
-            units=tuple(layout.units),
+            names=tuple(column.name for column in layout.configuration),
+            units=tuple(column.unit for column in layout.configuration),
             configurations=np.array(list(readings)),
             power_w=np.array([each.mean for each in averages]),
             std_w=np.array([each.std for each in averages]),
@@ -144,35 +136,7 @@ def read_measurements(files: Sequence[Trace], names: Sequence[str]) -> tuple[Pro
     return profile, warnings
 
 
-def is_trace(text: Text) -> bool:
-    """Whether a table has power but no column of a parameter: power over time at one configuration."""
-    first = next(read_rows(text.name, text.body, separator(text.body)), None)
-    headings = (_headings(first.fields) or []) if first else []
-    return any(each.per_watt for each in headings) and not any(map(_is_parameter, headings))
-
-
 # ── columns ──
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """What the columns of a table mean.
-
-    `parameters` and `power` are indices of columns; the power has `per_watt` units to a watt; whether the
-    first row is a `header`; and each row has `width` fields. A trace has no columns of parameters, but the
-    values `constant` of all of them.
-    """
-
-    names: list[str]
-    units: list[str]
-    parameters: list[int]
-    power: int
-    width: int
-    per_watt: float = 1.0
-    header: bool = True
-    warnings: Sequence[Fault] = ()
-    constant: tuple[float, ...] = ()
-    unitless: bool = False
 
 
 @dataclass(frozen=True)
@@ -185,16 +149,32 @@ class ColumnHeading:
     problem: str = ""
 
 
-def _layout(row: Row, names: Sequence[str], stated: Configuration | None) -> _Layout:
+@dataclass(frozen=True)
+class _Layout:
+    """What the columns of a table are, and the places of the parameters and the power; whether a row is the header."""
+
+    columns: Sequence[ColumnHeading]
+    parameters: list[int]
+    power: int
+    header: bool = True
+    warnings: Sequence[Fault] = ()
+
+    @property
+    def configuration(self) -> list[ColumnHeading]:
+        """The columns of the parameters."""
+        return [self.columns[i] for i in self.parameters]
+
+
+def _layout(row: Row, names: Sequence[str]) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
     headings = _headings(row.fields)
-    if not stated and headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
+    if headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
         message = "no column for the configuration: it is a trace"
         expected = "that of each file, as in --config fps=2 --config fps=10"
         raise InputError(row.fault(0, message, expected))
-    if len(row.fields) == 1 and not (stated and headings and headings[0].per_watt):
+    if len(row.fields) == 1:
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
-    layout = _headerless(row, names) if headings is None else _header(row, headings, stated)
+    layout = _headerless(row, names) if headings is None else _header(row, headings)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
@@ -207,7 +187,8 @@ def _headerless(row: Row, names: Sequence[str]) -> _Layout:
     if d > 1 and len(names) != d:
         message = f"{d + 1} columns without names"
         raise InputError(row.fault(0, message, f"{_A_HEADER}, or --names with {d} names"))
-    return _Layout(list(names) if d > 1 else ["c"], [""] * d, list(range(d)), power=d, width=d + 1, header=False)
+    columns = [*(ColumnHeading(name, "") for name in (names if d > 1 else ["c"])), ColumnHeading("power", "W", 1.0)]
+    return _Layout(columns, list(range(d)), power=d, header=False)
 
 
 def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:
@@ -242,7 +223,7 @@ def _is_parameter(heading: ColumnHeading) -> bool:
     return bool(heading.name) and not heading.per_watt and not _NO_PARAMETER.match(heading.name)
 
 
-def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration | None) -> _Layout:
+def _header(row: Row, headings: Sequence[ColumnHeading]) -> _Layout:
     _check_headings(row, headings)
     power = _power_column(row, headings)
     if places := [i for i, heading in enumerate(headings) if _POSITION.match(heading.name)]:
@@ -252,17 +233,11 @@ def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration |
     warnings = [
         row.fault(i, f"{heading.name} is no parameter of the computations: ignored")
         for i, heading in enumerate(headings)
-        if heading.name and i != power and not _is_parameter(heading) and (parameters or heading.per_watt)
+        if heading.name and i != power and not _is_parameter(heading)
     ]
     if not headings[power].unit:
         warnings.append(row.fault(power, "power without a unit: taken as W", "power_w, or power [W]"))
-    names, units = [headings[i].name for i in parameters], [headings[i].unit for i in parameters]
-    per_watt, unitless = headings[power].per_watt, not headings[power].unit
-    layout = _Layout(names, units, parameters, power, len(headings), per_watt, warnings=warnings, unitless=unitless)
-    if parameters:
-        return layout
-    assert stated is not None
-    return replace(layout, names=list(stated.names), units=list(stated.units), constant=stated.values)
+    return _Layout(headings, parameters, power, warnings=warnings)
 
 
 def _check_headings(row: Row, headings: Sequence[ColumnHeading]) -> None:
@@ -324,9 +299,10 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
     for row in rows:
         if len(faults) >= FAULTS_READ:
             break
-        if len(row.fields) != layout.width:
-            at = min(len(row.fields), layout.width)
-            faults.append(row.fault(at, f"{len(row.fields)} fields", f"{layout.width}, as in the first row"))
+        width = len(layout.columns)
+        if len(row.fields) != width:
+            at = min(len(row.fields), width)
+            faults.append(row.fault(at, f"{len(row.fields)} fields", f"{width}, as in the first row"))
             continue
         wrong = [row.fault(i, *fault) for i in columns if (fault := number_fault(row.fields[i], LARGEST))]
         if wrong and layout.header and len(layout.parameters) > 1 and not readings:
@@ -335,10 +311,10 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
             faults += wrong
             continue
         *values, power = (float(row.fields[i]) for i in columns)
-        power_w = power / layout.per_watt
+        power_w = power / layout.columns[layout.power].per_watt
         if power_w < 0:
             faults.append(row.fault(layout.power, f"a power of {power_w:g} W", "a power of 0 or more"))
-        point = layout.constant or tuple(values)
+        point = tuple(values)
         _, runs = readings.setdefault(point, (row, []))
         if point != before:
             runs.append([])

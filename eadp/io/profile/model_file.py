@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
 from eadp.io.profile.measurements import (
@@ -22,8 +21,6 @@ from eadp.io.profile.measurements import (
     PARAMETERS_LIMIT,
     Configuration,
     PowerColumns,
-    Trace,
-    is_trace,
     parse_configuration,
     read_measurements,
 )
@@ -35,14 +32,6 @@ from eadp.plug_ins import plug_in
 SCHEMA = "eadp.profile/1"
 
 _MODEL = re.compile(r"""\{|["']?schema["']?\s*:""")
-
-
-def _measurements(text: Text, columns: PowerColumns, *, stated: bool) -> tuple[Text, list[Fault]]:
-    """A recording of a computer's power as measurements, and what is to be known of it; another text as it is."""
-    found = None if _is_model(text) else plug_in("recordings", "power")(text, columns.power, columns.parameters)
-    if found is None:
-        return text, []
-    return found.measurements(columns.parameters, columns.trim, stated=stated), found.notes()
 
 
 def read_profile(
@@ -79,18 +68,18 @@ def read_profile(
     InputError
         With the faults of the files, or of the options about them.
     """
-    paths, columns = [files] if isinstance(files, str) else files, columns or PowerColumns()
-    read = [_measurements(read_text(path), columns, stated=bool(configurations)) for path in paths]
-    texts, notes = [text for text, _ in read], [note for _, found in read for note in found]
+    texts = [read_text(path) for path in ([files] if isinstance(files, str) else files)]
     models = [text for text in texts if _is_model(text)]
     if models and len(texts) > 1:
         raise InputError.at(models[0].name, 1, 1, "a model among several files", "measurements, or one model")
     if models and configurations:
-        raise InputError.at(texts[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
+        raise InputError.at(models[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
+    notes: list[Fault] = []
     if models:
-        profile, warnings = parse_profile(texts[0], names)
+        profile, warnings = parse_profile(models[0], names)
     else:
-        profile, warnings = _measured(_traces(texts, configurations), names)
+        tables, notes = plug_in("recordings", "power")(texts, columns or PowerColumns(), configurations)
+        profile, warnings = _measured(tables, names)
     if interpolation:
         try:
             profile = replace(profile, interpolation=interpolation)
@@ -99,25 +88,15 @@ def read_profile(
     return profile, notes + warnings
 
 
-def _traces(texts: Sequence[Text], configurations: Sequence[Configuration]) -> list[Trace]:
-    """Each file with its configuration, where it has no columns for it."""
-    without = [i for i, text in enumerate(texts) if is_trace(text)]
-    if configurations and len(configurations) != len(without):
-        message = f"{len(configurations)} configurations for {len(without)} files without columns for them"
-        raise InputError.at("--config", 1, 1, message, "one for each such file, in order")
-    stated = dict(zip(without, configurations, strict=False))
-    return [Trace(text, stated.get(i)) for i, text in enumerate(texts)]
-
-
 def parse_profile(text: Text, names: Sequence[str] = ()) -> tuple[Profile, list[Fault]]:
     """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`."""
     if not _is_model(text):
-        return _measured([Trace(text)], names)
+        return _measured([text], names)
     return _renamed(_read_model(text), names), []
 
 
-def _measured(files: Sequence[Trace], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
-    profile, warnings = read_measurements(files, names)
+def _measured(tables: Sequence[Text], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
+    profile, warnings = read_measurements(tables, names)
     found = [replace(fault, severity="warning") for fault in warnings]
     return _renamed(profile, names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
@@ -219,22 +198,24 @@ def _read_model(text: Text) -> Profile:
     content = validated(ProfileFile, document, value)
     refuse(_faults(document, content))
 
-    def column(key: str) -> FloatArray:
-        return np.array([getattr(point, key) for point in content.points], dtype=np.float64)  # None is NaN
-
+    points = content.points
     try:
-        return Profile(
+        profile = Profile(
             names=tuple(parameter.name for parameter in content.parameters),
             units=tuple(parameter.unit for parameter in content.parameters),
-            configurations=column("at"),
-            samples=column("samples").astype(np.int64),
-            interpolation=content.interpolation,
+            configurations=np.array([point.at for point in points], dtype=np.float64),
+            power_w=np.array([point.power_w for point in points]),
+            std_w=np.array([point.std_w for point in points]),
+            samples=np.array([point.samples for point in points]),
             source=content.source,
-            **{name: column(name) for name in ARRAYS if name not in ("configurations", "samples")},
+            standard_error_w=np.array([point.standard_error_w for point in points], dtype=np.float64),  # None is NaN
         )
     except Infeasible as error:
-        key = "interpolation" if content.interpolation == "pchip" else "points"
-        raise InputError(document.fault((key,), str(error))) from None
+        raise InputError(document.fault(("points",), str(error))) from None
+    try:
+        return replace(profile, interpolation=content.interpolation)
+    except Infeasible as error:
+        raise InputError(document.fault(("interpolation",), str(error))) from None
 
 
 def _faults(document: Document, content: ProfileFile) -> list[Fault]:

@@ -161,6 +161,11 @@ def json_lines(text: Text, *, whole: bool = False) -> list[dict[str, Any]]:
     return documents
 
 
+def significant(value: float | None, digits: int = 6) -> float | None:
+    """A number rounded to significant digits; None where there is none."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.{digits}g}")
+
+
 def aligned(rows: Sequence[Sequence[str]], first: str = ">", others: str = ">") -> list[str]:
     """Lines of a table; `first` is the alignment of the first column, `others` that of the rest: < or >."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -27,6 +27,7 @@ from eadp.io.text.streams import Location, SourceText, Text
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50
 DIGITS_LIMIT = 50
+"""Length of a whole number that is kept as one; a longer one is a float."""
 LIMIT_CHARACTERS = 1_000_000
 
 _INT = re.compile(r"[-+]?[0-9]+\Z|0o[0-7]+\Z|0x[0-9a-fA-F]+\Z")
@@ -72,8 +73,7 @@ def read_yaml(text: Text) -> Document:
     ------
     InputError
         On anything YAML's core schema does not allow, and on aliases, anchors, tags, duplicate keys, keys that are
-        not strings, NaN and infinities, more than 50 levels, numbers of more than 50 digits, and more than
-        `LIMIT_CHARACTERS`.
+        not strings, NaN and infinities, more than 50 levels, and more than `LIMIT_CHARACTERS`.
     """
     source = SourceText(text)
     document = Document(source)
@@ -149,66 +149,40 @@ def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fau
     return result
 
 
-def _without_surrogates(raw: str, path: Path, document: Document, faults: list[Fault]) -> str:
-    """A string whose escapes may encode a character as a pair of surrogates, as in JSON."""
-    try:
-        return raw.encode("utf-16", "surrogatepass").decode("utf-16")
-    except UnicodeDecodeError:
-        faults.append(document.fault(path, "half of a pair of surrogates", "a whole character"))
-        return ""
-
-
 def _scalar(node: ScalarNode, path: Path, document: Document, faults: list[Fault]) -> Any:
     raw = node.value
-    if node.style is not None:  # quoted or block: a string
-        return _without_surrogates(raw, path, document, faults)
+    if node.style is not None:  # quoted or block: a string, in which JSON may write a character as two escapes
+        return raw.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
     if raw in _SPECIAL:
         return _SPECIAL[raw]
-    if _NOT_FINITE.match(raw):
-        faults.append(document.fault(path, f"{raw} is not a finite number", "a finite number"))
-        return 0.0
-    number = _FLOAT.match(raw) or _INT.match(raw)
-    if not number:
+    number: float
+    if _INT.match(raw) and len(raw) <= DIGITS_LIMIT:
+        number = int(raw, {"0x": 16, "0o": 8}.get(raw[:2], 10))
+    elif _FLOAT.match(raw):
+        number = float(raw)
+    elif _INT.match(raw) or _NOT_FINITE.match(raw):
+        number = math.inf
+    else:
         return raw
-    if sum(c.isdigit() for c in raw) > DIGITS_LIMIT or (raw[:2] == "0x" and len(raw) - 2 > DIGITS_LIMIT):
-        faults.append(document.fault(path, f"a number of more than {DIGITS_LIMIT} digits"))
+    if math.isinf(number):
+        faults.append(document.fault(path, f"{printable(raw, 60)} is not a finite number", "a finite number"))
         return 0.0
-    if _INT.match(raw):
-        return int(raw, {"0x": 16, "0o": 8}.get(raw[:2], 10))
-    value = float(raw)
-    if math.isinf(value):
-        faults.append(document.fault(path, f"{raw} is too large for a number", "a finite number"))
-        return 0.0
-    return value
-
-
-def yaml_text(document: Mapping[str, Any]) -> str:
-    """A document as YAML; in a list of mappings each is a line, unless it has such a list itself."""
-    return "".join(f"{line}\n" for line in _block(document))
+    return number
 
 
 PLAIN = ("schema", "interpolation")
 """Keys whose texts are words of ours, which need no quotes."""
 
 
-def _block(document: Mapping[str, Any]) -> Iterator[str]:
+def yaml_text(document: Mapping[str, Any]) -> str:
+    """A document as YAML, a key on each line; in a list of mappings each is a line."""
+    lines = []
     for key, value in document.items():
-        if isinstance(value, dict):
-            yield f"{key}:"
-            yield from (f"  {line}" for line in _block(value))
-        elif _is_table(value):
-            yield f"{key}:"
-            for item in value:
-                first, *rest = _block(item) if any(map(_is_table, item.values())) else [_flow(item)]
-                yield f"  - {first}"
-                yield from (f"    {line}" for line in rest)
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            lines += [f"{key}:", *(f"  - {_flow(item)}" for item in value)]
         else:
-            yield f"{key}: {value if key in PLAIN else _flow(value)}"
-
-
-def _is_table(value: Any) -> bool:
-    """Whether a value is a list of mappings."""
-    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+            lines.append(f"{key}: {value if key in PLAIN else _flow(value)}")
+    return "\n".join([*lines, ""])
 
 
 def _flow(value: Any) -> str:

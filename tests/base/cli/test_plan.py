@@ -98,10 +98,10 @@ def test_a_stage_that_sympy_cannot_print_is_named(eadp, tmp_path):
 
 
 def test_whether_structure_is_proven_is_shown(eadp, tmp_path):
-    assert "structure  n = 4, e_j = 0 for every x, y, c1\n" in eadp("plan", "plans/survey.plan", "-v").out
+    assert "laps       are alike but for the shift: proven\n" in eadp("plan", "plans/survey.plan").out
     path = tmp_path / "p.plan"
     path.write_text("".join(f"0.1; 90; x - {i}*sqrt(2)\n{i}*sqrt(2), 200\n" for i in range(4)))
-    assert "structure  n = 1, e_j = 0 at sampled x, y\n" in eadp("plan", path, "--verbose").out
+    assert "laps       are alike but for the shift: sampled\n" in eadp("plan", path).out
 
 
 def test_check_that_finds_an_error_is_a_no(eadp, tmp_path):

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import settings
 
 import eadp.cli  # noqa: F401  # before numpy is imported: linear algebra keeps to one thread
-from eadp.io.page import GENERATOR, REPORT
+from eadp.api.flight import REPORT
+from eadp.report.page import GENERATOR
 
 ROOT = Path(__file__).resolve().parents[3]
 """The repository's root."""

@@ -500,17 +500,18 @@ def test_headers_of_stages_hold_from_the_next_stage_on_and_are_written_back():
     text = (
         "%: start -5 12.5\n%: altitude 60\n%: command 206 25 0 1 0 0 0 0\n0.1; 90; x\n0, 100\n"
         "%: airspeed 18\n0.1; 90; x\n0, 200\n%: altitude 90\n%: command 530 0 2 0 0 0 0 0\n0.1; 90; x\n0, 300\n"
+        "%: altitude default\n%: airspeed default\n0.1; 90; x\n0, 400\n"
     )
     plan, findings = read_plan(Text("p", text))
     assert findings == []
     assert plan.site.start_m == (-5, 12.5)
-    assert [stage.altitude_m for stage in plan.stages] == [60, 60, 90]
-    assert [stage.airspeed_mps for stage in plan.stages] == [None, 18, 18]
-    assert [[command[0] for command in stage.commands] for stage in plan.stages] == [[206], [], [530]]
+    assert [stage.altitude_m for stage in plan.stages] == [60, 60, 90, None]
+    assert [stage.airspeed_mps for stage in plan.stages] == [None, 18, 18, None]
+    assert [[command[0] for command in stage.commands] for stage in plan.stages] == [[206], [], [530], []]
     written = plan_text(plan)
     again, _ = read_plan(Text("p", written))
     assert plan_text(again) == written
-    assert written.count("%: altitude") == 2
+    assert written.count("%: altitude") == 3
     # stages that differ in altitude are no laps
     assert not plan.whole_laps
 

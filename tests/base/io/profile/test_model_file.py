@@ -172,6 +172,7 @@ def written(tmp_path: Path) -> Callable[..., list[str]]:
 
 TRACE = "100,101,102\n3,1,0\n3.2,1,0\n"
 STEADY = Configuration(("fps",), ("1/s",), (2.0,))
+SOURCES = "slow.csv (power) + table.csv + timed.csv (power)"
 
 
 def test_traces_with_what_they_were_measured_at(written: Callable[..., list[str]]) -> None:
@@ -179,7 +180,7 @@ def test_traces_with_what_they_were_measured_at(written: Callable[..., list[str]
     fast = Configuration(("fps",), ("1/s",), (8.0,))
     profile, warnings = read_profile(files, configurations=[STEADY, fast])
     assert points_of(profile) == {(2,): pytest.approx(3.1), (4,): 5, (8,): pytest.approx(7.1)}
-    assert (profile.names, profile.units, profile.source) == (("fps",), ("1/s",), "slow.csv + table.csv + timed.csv")
+    assert (profile.names, profile.units, profile.source) == (("fps",), ("1/s",), SOURCES)
     assert warnings == [], "nothing about the times of a trace"
 
 

@@ -80,15 +80,11 @@ def test_json_is_yaml(value):
     assert read(json.dumps(value, ensure_ascii=False, indent=2)).value == value
 
 
-@pytest.mark.parametrize(("scalar", "value"), [('"\\ud83d\\ude80"', "\N{ROCKET}"), ('"\\ud800"', None)])
-def test_escaped_surrogates_are_one_character_or_refused(scalar, value):
-    try:
-        got = value_of(scalar)
-    except InputError:
-        assert value is None
-        return
-    assert got == value
-    got.encode("utf-8")
+@pytest.mark.parametrize(
+    ("scalar", "value"), [('"\\ud83d\\ude80"', "\N{ROCKET}"), ('"\\ud800"', "\N{REPLACEMENT CHARACTER}")]
+)
+def test_escaped_surrogates_are_one_character(scalar, value):
+    assert value_of(scalar) == value
 
 
 # --- documents and places ---------------------------------------------------------------------------------------------
@@ -163,7 +159,7 @@ def test_documents_that_are_no_mapping(body, value):
     [
         ("a: 1\nb: 2\na: 3\n", ["s.yaml:3:1: error: the key a stands twice; expected it once"]),
         ("a: .nan\n", ["s.yaml:1:4: error: .nan is not a finite number; expected a finite number"]),
-        ("a: 1e999\n", ["s.yaml:1:4: error: 1e999 is too large for a number; expected a finite number"]),
+        ("a: 1e999\n", ["s.yaml:1:4: error: 1e999 is not a finite number; expected a finite number"]),
         ("a: &x 1\nb: *x\n", ["s.yaml:1:4: error: a YAML alias or anchor; expected the value written out"]),
         ("a: !!python/object/apply:os.system [ls]\n", None),
         ("? [a, b]\n: 1\n", ["s.yaml:1:3: error: a key that is not a name; expected a name"]),
@@ -201,9 +197,10 @@ def test_nesting_has_a_limit():
 
 def test_digits_have_a_limit():
     assert value_of("1" * DIGITS_LIMIT) == int("1" * DIGITS_LIMIT)
-    for scalar in ("1" * (DIGITS_LIMIT + 1), "0." + "1" * DIGITS_LIMIT, "1" * 100_000):
+    assert value_of("1" * (DIGITS_LIMIT + 1)) == float("1" * (DIGITS_LIMIT + 1))
+    for scalar in ("1" * 100_000, "0x" + "1" * DIGITS_LIMIT):
         (said,) = faults_of(f"a: {scalar}\n")
-        assert said == f"s.yaml:1:4: error: a number of more than {DIGITS_LIMIT} digits"
+        assert said.endswith(" is not a finite number; expected a finite number")
 
 
 # --- whatever comes ---------------------------------------------------------------------------------------------------

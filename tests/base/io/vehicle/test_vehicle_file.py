@@ -174,5 +174,5 @@ def test_faults_of_a_vehicle_file_stand_in_it(scenario, tmp_path):
     with pytest.raises(InputError, match=r"v\.yaml:1:1: error: has no key schema"):
         scenario()
     (tmp_path / "v.yaml").unlink()
-    with pytest.raises(InputError, match=r"s\.yaml:2:1: error: .*v\.yaml cannot be read"):
+    with pytest.raises(InputError, match=r"v\.yaml:1:1: error: cannot be read"):
         scenario()

@@ -75,7 +75,7 @@ def test_laps_without_end_are_refused():
         ("next = min", "next = next + min", 10, "next is computed from itself"),
         ("top = 500 + 0.2*s", "top = r2", 11, "top is computed from r2, which stands below it"),
         ("s = 0, next", "s = top, next", 9, "the first value of s names top"),
-        ("top = 500 + 0.2*s", "top = 500 + y", 11, "the coordinate top depends on x or y"),
+        ("top = 500 + 0.2*s", "top = 500 + y", 11, "a coordinate that depends on y"),
         ("top = 500 + 0.2*s", "top = 500, 1, 2", 11, "3 values"),
         ("n = 4", "n = 3", 8, "n = 3 where 4 stages follow"),
         ("0.1; 90; x - (10 + s)", "0.1; 90; x - (10 + t)", 14, "unknown name t"),

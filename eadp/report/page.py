@@ -5,20 +5,17 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from eadp import __version__
+from eadp.api.flight import REPORT
 from eadp.errors import InputError
-
-REPORT = "report.html"
-"""The page in the folder of a flight."""
 
 SCHEMA = "eadp.report/1"
 GENERATOR = b'<meta name="generator" content="eadp'
@@ -72,7 +69,7 @@ def check_page(path: Path) -> None:
 
 @cache
 def _asset(name: str) -> str:
-    return (files("eadp.io") / "assets" / name).read_text(encoding="utf-8")
+    return (files("eadp.report") / "assets" / name).read_text(encoding="utf-8")
 
 
 def _hashes(blocks: Sequence[str]) -> str:
@@ -91,29 +88,3 @@ def page_of(result: str) -> Path:
     if os.path.isdir(path):
         return path / REPORT
     return path.with_name(f"{path.name}.html") if path.suffix == ".html" else path.with_suffix(".html")
-
-
-def significant(value: float | None, digits: int = 6) -> float | None:
-    """A number rounded to significant digits; None where there is none."""
-    return None if value is None or not math.isfinite(value) else float(f"{value:.{digits}g}")
-
-
-# --- what other rooms have pages of
-
-
-class PageSource(NamedTuple):
-    """Results that `eadp report` makes a page of; the first of `eadp.plug_ins`' kind `pages` that recognises one does.
-
-    Attributes
-    ----------
-    kind : str
-        Of the page: flight or sweep.
-    recognises : function
-        Whether a path is such a result.
-    data : function
-        The page's data, of the path, the page's path, and where the folders of a sweep's flights are.
-    """
-
-    kind: str
-    recognises: Callable[[Path], bool]
-    data: Callable[[Path, Path, str | None], Mapping[str, Any]]
