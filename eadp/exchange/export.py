@@ -36,7 +36,7 @@ from eadp.io.scenario import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag, check_range
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import Airspace, risk_text
-from eadp.models.autopilot import PX4, Autopilot
+from eadp.models.autopilot import LANDS, PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
@@ -121,8 +121,9 @@ def _items_beside(path: PlannedPath, chosen: _Chosen, to: str, autopilot: Autopi
 
     It is the map of its items to stages, and ArduPilot's fence. Raises Infeasible where PX4 does not arm it.
     """
-    items = mission_items(path, px4=to == "px4")
-    if to != PX4 and any(item.command == LAND_START for item in items):
+    items = mission_items(path, px4=to == PX4)
+    lands = to != PX4 and any(item.command == LAND_START for item in items)
+    if lands and autopilot.given("RTL_AUTOLAND", 0.0) not in LANDS:
         note = "ArduPlane does not arm it while RTL_AUTOLAND is 0, as delivered; with 2 a return flies its landing"
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
     if to == PX4:

@@ -121,7 +121,7 @@ class _Walk:
 def _is_placed(item: DraftItem) -> bool:
     """Whether an item has a position, and not that of the aircraft."""
     latitude, longitude = item.parameters[4:6]
-    placed = abs(latitude) <= 90 and abs(longitude) <= 180 and max(abs(latitude), abs(longitude)) >= SAME_POINT_DEG
+    placed = abs(latitude) <= 90 and abs(longitude) <= 360 and max(abs(latitude), abs(longitude)) >= SAME_POINT_DEG
     return item.command in _POSITIONED and placed
 
 
@@ -454,6 +454,9 @@ class MissionPlan:
     def _assembled(self, visits: list[_Visit]) -> Plan:
         path = self._path(visits)
         stages = self._stages(visits, path)
+        # what is commanded before a last item that takes no way is commanded on the way to it
+        left = [each for visit in visits[path.pieces[-1][0] + 1 :] for each in visit.commands]
+        stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, *left))
         last = visits[-1].item
         if last.command in (d.LAND, d.RETURN):
             stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))

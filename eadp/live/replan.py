@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -56,6 +57,8 @@ class ReplanOptions:
                 raise InputError.at(option, 1, 1, message, "--mavlink or --replay", str(value))
         if link.upload and self.replay is not None:
             raise InputError.at("--upload", 1, 1, "beside --replay", "--mavlink", self.replay)
+        if self.publish and self.log and os.path.realpath(self.publish) == os.path.realpath(self.log):
+            raise InputError.at("--publish", 1, 1, "is the file of --log", "another file", self.publish)
         if "-" in files.values() and self.telemetry == "-" and not self.linked:
             raise InputError.at("--telemetry", 1, 1, "standard input is another file already", "--telemetry FILE", "-")
 

@@ -14,7 +14,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from eadp import __version__
 from eadp.api.inputs import FlightInputs
@@ -57,6 +57,14 @@ def telemetry_lines(stream: BinaryIO, name: str) -> Iterator[tuple[int, bytes]]:
             yield number, raw
         elif kind == TELEMETRY:
             yield number, _encoded(line)
+
+
+class _Entry(NamedTuple):
+    """A line of a log: its kind, and the sample or the items that it has."""
+
+    kind: str
+    sample: Sample | None = None
+    items: Text | None = None
 
 
 class ReplanLog:
@@ -123,15 +131,16 @@ class ReplanLog:
             number, kept = 1, len(stream.readline())
             while raw := stream.readline():
                 number += 1
-                kind, sample, fault = self._entry(number, raw, reader)
-                if fault is not None or not raw.endswith(b"\n"):
-                    if fault is not None and raw.endswith(b"\n") and stream.read(1):
-                        raise InputError(fault)
+                entry, torn = self._entry(number, raw, reader), not raw.endswith(b"\n")
+                if isinstance(entry, Fault) and not torn and stream.read(1):
+                    raise InputError(entry)
+                if isinstance(entry, Fault) or torn:
                     self._drop(number, kept)
                     return
                 kept += len(raw)
-                if kind in (TELEMETRY, DECISION):
-                    yield sample
+                self.items = entry.items or self.items
+                if entry.kind in (TELEMETRY, DECISION):
+                    yield entry.sample
 
     def telemetry(self, document: Mapping[str, Any]) -> None:
         """Append a sample before it is used."""
@@ -182,27 +191,25 @@ class ReplanLog:
             what = f"was started by {code}; this is {start['code']}, whose decisions may differ"
             self.warnings.append(Fault(self._path, 1, 1, what, severity="warning"))
 
-    def _entry(
-        self, number: int, raw: bytes, reader: TelemetryReader
-    ) -> tuple[str | None, Sample | None, Fault | None]:
-        expected = "a JSON object with the kind telemetry or decision"
+    def _entry(self, number: int, raw: bytes, reader: TelemetryReader) -> _Entry | Fault:
+        """A line as it was written; a fault where it is none."""
+        message, expected = "is no line of a log", f"a JSON object with the kind {TELEMETRY}, {DECISION} or {MISSION}"
         try:
             line = json.loads(raw)
             kind = line.pop("kind", None) if isinstance(line, dict) else None
             telemetry = _encoded(line)
         except (ValueError, RecursionError):  # includes UnicodeDecodeError, and a number that is not finite
-            kind = None
+            return Fault(self._path, number, 1, message, expected)
+        if kind == DECISION:
+            return _Entry(kind)
         if kind == MISSION and isinstance(line.get("items"), str):
-            self.items = Text(self._path, line["items"])
-        elif kind == TELEMETRY:
+            return _Entry(kind, items=Text(self._path, line["items"]))
+        if kind == TELEMETRY:
             reading = reader.read(number, telemetry)
-            if reading.sample is None:
-                message = f"is no line of a log: {reading.warnings[0].message}"
-                return None, None, Fault(self._path, number, 1, message, expected)
-            return kind, reading.sample, None
-        elif kind != DECISION:
-            return None, None, Fault(self._path, number, 1, "is no line of a log", expected)
-        return kind, None, None
+            if reading.sample is not None:
+                return _Entry(kind, reading.sample)
+            message = f"{message}: {reading.warnings[0].message}"
+        return Fault(self._path, number, 1, message, expected)
 
     def _drop(self, number: int, kept: int) -> None:
         os.ftruncate(self._file, kept)

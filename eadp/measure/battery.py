@@ -175,7 +175,7 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     try:
         if options.capacity_ah is None:
             assert options.cells is not None
-            found = fit_capacity(*readings, options.cells, options.cell_v, soc)
+            found = fit_capacity(*readings, options.cells, options.cell_v, soc, options.k_b_per_s)
             options = replace(options, capacity_ah=found.capacity_ah)
         assert options.capacity_ah is not None
         fit = fit_battery(*readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=soc)
@@ -344,6 +344,7 @@ def fit_capacity(
     cells: int,
     cell_v: Sequence[float] = CURVES_V["lipo"],
     soc: float = 1.0,
+    k_b_per_s: float = 1 / 3600,
 ) -> CapacityFit:
     """Capacity of a pack whose cells' open-circuit voltage is known, by how far the voltage falls with the charge used.
 
@@ -357,6 +358,8 @@ def fit_capacity(
         Open-circuit voltage of a cell [V] at even steps of the charge.
     soc : float
         State of charge at the start.
+    k_b_per_s : float
+        k_b [1/s].
 
     Raises
     ------
@@ -366,7 +369,7 @@ def fit_capacity(
     Source: letter, Sec. III-C, with an open-circuit voltage V(b) of tables.
     """
     t, volts, amps, used = _readings(times_s, voltage_v, current_a)
-    used_ah = used / 3600
+    used_ah = k_b_per_s * used  # ḃ = −k_b I/Q_c
     total = float(used_ah[-1])
     if total <= 0:
         raise Infeasible("the log uses no charge")
@@ -427,8 +430,8 @@ def fit_battery(
     # ḃ = −k_b I/Q_c
     charge = soc - k_b_per_s * used / capacity_ah
     if charge.min() < -0.02:
-        drawn = float(used.max()) / 3600
-        raise Infeasible(f"the log draws {drawn:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
+        drawn_ah = k_b_per_s * float(used.max())
+        raise Infeasible(f"the log uses {drawn_ah:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
     notes = ["capacity and k_b cannot be estimated from voltage and current: they are as given"]
     log = _VoltageLog(t, volts, amps, charge)
     constant = found = log.fit(rises=False, resists=True)

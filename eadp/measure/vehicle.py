@@ -367,10 +367,13 @@ def fit_power(
     Raises
     ------
     Infeasible
-        If there are too few readings in flight, or the power does not rise with the drag.
+        If there are too few readings in flight.
 
     Source: Anderson 1999, chapters 2, 5 and 6.
     """
+    bank_rad, climb_mps = (
+        None if column is None or not np.isfinite(column).any() else column for column in (bank_rad, climb_mps)
+    )
     log = _in_flight(times_s, power_w, airspeed_mps, bank_rad, climb_mps)
     window = _Windows(log.times_s)
     if len(window.times_s) < MIN_WINDOWS:

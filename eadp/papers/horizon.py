@@ -514,6 +514,11 @@ class Horizon:
                     return trial
         return None
 
+    @property
+    def lowest(self) -> list[float]:
+        """The lowest level of each computation."""
+        return [levels[0] for levels in self._c.levels]
+
     # --- the drafts' subroutine, also the fallback
 
     def lowered(self, deltas: FloatArray, forecast: HorizonForecast) -> FloatArray:
@@ -550,7 +555,10 @@ class Horizon:
                 return np.tile(values, (self._steps, 1))
             if (c <= self._c.low).all():
                 raise Infeasible("even the minimum parameters are infeasible")
-            c = np.maximum(c - deltas, self._c.low)
+            # as many times δ as lower one of the levels
+            above = [(x + 1e-9 - value) // delta for x, value, delta in zip(c, values, deltas, strict=True)]
+            times = 1 + min(n for n, x, low in zip(above, c, self._c.low, strict=True) if x > low)
+            c = np.maximum(c - max(times, 1.0) * deltas, self._c.low)
 
 
 def _between(shares: FloatArray, least: float) -> FloatArray:

@@ -238,7 +238,7 @@ class PaperPlanner(Planner):
             self._computing_plan_w = np.full(self._steps(), self.power.computing_w)
             return decided, record
         horizon, forecast = self._horizon(o, decided[: self._rho]), self._horizon_forecast(o)
-        values, powers_w = [sets[i].lo for i in free], None
+        values, powers_w = horizon.lowest, None
         deltas = np.array([self._deltas[i] for i in free])
         try:
             if self.own.solver == SUBROUTINE:

@@ -303,7 +303,7 @@ class Pictures(NamedTuple):
         shot, distance_m, overlap = self.shot, self.shot.picture_distance_m, self.shot.forward_overlap
         name = f"{shot.camera} " if shot.camera else ""
         parts = [f"{name}from {self.altitude_m:.4g} m: pictures of {shot.width_m:.1f} m across"]
-        parts += [] if shot.pixel_cm is None else [f"{shot.pixel_cm:.2g} cm a pixel"]
+        parts += [] if shot.pixel_cm is None else [f"{rounded_text(shot.pixel_cm, 2)} cm a pixel"]
         if distance_m is None or overlap is None:
             return [f"camera     {'; '.join(parts)}"]
         parts += [f"one each {distance_m:.1f} m, forward overlap {overlap:.0f} %", f"{self.number} in all"]
@@ -314,10 +314,15 @@ class Pictures(NamedTuple):
         distance_m, speed_mps, shortest_s = self.shot.picture_distance_m, self.speed_mps, self.shot.picture_interval_s
         if distance_m is not None and distance_m < (shortest_s or QUICK_S) * speed_mps:
             message = (
-                f"a picture each {distance_m:.3g} m, which are {distance_m / speed_mps:.2g} s on the fastest lines"
+                f"a picture each {distance_m:.3g} m, which are {distance_m / speed_mps:.3g} s on the fastest lines"
             )
             whose = f"the camera's {shortest_s:g} s" if shortest_s else f"{QUICK_S:g} s, as most cameras have"
             yield "--forward-overlap", message, f"{whose}: less overlap, a slower flight, or more altitude"
+
+
+def rounded_text(value: float, digits: int) -> str:
+    """A number for people: to so many digits, and as many more as it has before its point."""
+    return f"{value:.{digits}g}" if value < 10**digits - 0.5 else f"{value:.0f}"
 
 
 def pictures_document(pictures: Pictures | None) -> dict[str, Any]:

@@ -49,7 +49,7 @@ RING_LIMIT, COARSE_M = 1000, 1.0
 within the second [m]."""
 
 _ORDER = "longitude before latitude"
-_DEGREES = f"longitude within ±180 and latitude within ±90 degrees, {_ORDER}"
+_DEGREES = f"longitude within ±360 and latitude within ±90 degrees, {_ORDER}"
 
 Part = list[tuple[Point, ...]]
 """An outline and its holes [m]."""
@@ -164,7 +164,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     InputError
         With the faults of the file, or of the options.
     """
-    from eadp.core.geometry.polygons import ground_m2, joined
+    from eadp.core.geometry.polygons import ground_m2, joined, near
 
     source = SourceText(text)
     if _fences(source) is not None:
@@ -190,8 +190,12 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     frame = _Frame(origin_deg, _middle(parts[0][0]))
     taken = [id(each.names) for each in chosen]  # of closed lines, which stand twice, too
     avoided = [each for each in found.features if each.avoided and id(each.names) not in taken]
-    thin = [Feature(chosen[0].location, ("hole",), lines=[ring]) for ring in outlines.thin]
-    airspace = Airspace(_obstacles([*avoided, *thin], frame, found.degrees, source, notes))
+    obstacles = _obstacles(avoided, frame, found.degrees, source, notes)
+    thin = tuple(Obstacle(outline, "hole") for ring in outlines.thin for outline, *_ in near(ring, THIN_M))
+    if thin:
+        holes = counted(len(outlines.thin), "obstacle", "obstacles")
+        notes.append(f"{holes} without an area kept, with what lies within {THIN_M:g} m")
+    airspace = Airspace((*obstacles, *thin))
     name = printable("".join(chosen[0].names[:1])) if len(chosen) == 1 else ""
     return Field((), (), name, origin_deg, airspace).with_parts([tuple(part) for part in parts]), notes
 
@@ -242,7 +246,7 @@ def _in_metres(
         for x, y, of in [(*vertex, of) for rings, of in polygons for vertex in chain(*rings)]:
             if abs(x) > 360 or abs(y) > LATITUDE_LIMIT_DEG:
                 what = f"a vertex at longitude {x:.10g}, latitude {y:.10g}"
-                limits = f"longitude within ±180 and latitude within ±{LATITUDE_LIMIT_DEG:g} degrees, {_ORDER}"
+                limits = f"longitude within ±360 and latitude within ±{LATITUDE_LIMIT_DEG:g} degrees, {_ORDER}"
                 raise source.error(of.location, what, _or(limits, found.remedy))
         first = polygons[0][0][0]
         # longitudes are counted on from the first, across the antimeridian
@@ -308,8 +312,9 @@ class _Frame(NamedTuple):
         """The corners of an outline in the metres of the field; None where all are far away to one side."""
         corners = ring
         if self.origin_deg is not None:
-            if beyond := [(x, y) for x, y in ring if abs(x) > 180 or abs(y) > 90]:
-                raise source.error(of.location, f"a vertex at {beyond[0][1]:.6g}, {beyond[0][0]:.6g}", _DEGREES)
+            if beyond := [(x, y) for x, y in ring if abs(x) > 360 or abs(y) > 90]:
+                message = "a vertex at longitude {:.6g}, latitude {:.6g}".format(*beyond[0])
+                raise source.error(of.location, message, _DEGREES)
             # the plane is that of the field, where it is far the scale of its parallel
             latitude, longitude = self.origin_deg
             east_m = DEGREE_M * math.cos(math.radians(latitude))

@@ -31,7 +31,7 @@ from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.planning.forecast.held import Preflight
-from eadp.survey.camera import Pictures, pictures_document
+from eadp.survey.camera import Pictures, pictures_document, rounded_text
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
 from eadp.survey.heights import HeightProfile
 from eadp.survey.swaths import CoveragePath, MotionLimits
@@ -230,7 +230,8 @@ class HeightReport(NamedTuple):
         ]
         said = []
         if (pixels := values["gsd_cm"]) is not None:
-            said.append(f"pixels of {pixels[0]:.2g} to {pixels[2]:.2g} cm, mean {pixels[1]:.2g} cm")
+            least, mean, most = (rounded_text(pixel_cm, 2) for pixel_cm in pixels)
+            said.append(f"pixels of {least} to {most} cm, mean {mean} cm")
         if (shares := values["side_overlap"]) is not None:
             least, mean, most = (100 * share for share in shares)
             said.append(f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %")
@@ -340,9 +341,14 @@ class CoveragePlan:
 
     @property
     def _batteries(self) -> list[float] | None:
-        """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest."""
+        """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest.
+
+        None where nothing is known of them, or of the energy, and where the autopilot turns back with a full one.
+        """
+        if self.pack is None or self.pack.energy_wh <= 0:
+            return None
         energies_wh = [end.energy_wh for end in (self.full, self.least) if end.energy_wh is not None]
-        return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
+        return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None
 
     @property
     def _slower(self) -> dict[str, Any] | None:
@@ -445,10 +451,12 @@ class CoveragePlan:
             lines.append(HOME_TEXT.format(self.plan.site.home_altitude_m))
         lines += [f"aircraft   {self.aircraft}"] if self.aircraft else []
         if self._batteries is not None and self.pack is not None:
-            packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
+            packs = " to ".join(dict.fromkeys(rounded_text(count, 2) for count in self._batteries))
             until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
-            gives = f"a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once"
+            gives = f"a full one gives {rounded_text(self.pack.energy_wh, 3)} Wh before {until}, no charge lost at once"
             lines.append(f"batteries  {packs}; {gives}")
+        elif self.pack is not None and self.pack.energy_wh <= 0:
+            lines.append("batteries  none is enough: the autopilot turns back with a full one")
         if (slower := self._slower) is not None:
             least = f"{slower['time_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
             lines.append(

@@ -142,12 +142,21 @@ class Design:
         drawn = self.sample.runs if self.sample else 1
         return (*(len(values) for values in self.grid.values()), together, drawn, self.seeds or 1)
 
-    def __len__(self) -> int:
+    @property
+    def size(self) -> int:
+        """The number of its points, however large."""
         return math.prod(self._sizes)
+
+    def __len__(self) -> int:
+        return self.size
 
     def point(self, index: int) -> DesignPoint:
         """The point of an index, from 0."""
-        *axes, together, drawn, seed = (int(i) for i in np.unravel_index(index, self._sizes))
+        places, rest = list[int](), index
+        for size in reversed(self._sizes):
+            rest, place = divmod(rest, size)
+            places.insert(0, place)
+        *axes, together, drawn, seed = places
         values = {name: choices[i] for (name, choices), i in zip(self.grid.items(), axes, strict=True)}
         values |= {name: choices[together] for name, choices in self.zipped.items()}
         if self.sample:
@@ -290,8 +299,8 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
         raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
     keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))
     design = Design(keys.grid, keys.zip, keys.sample, keys.seeds)
-    if len(design) > RUNS_LIMIT:
-        message = f"{len(design)} runs are more than {RUNS_LIMIT}"
+    if design.size > RUNS_LIMIT:
+        message = f"{design.size} runs are more than {RUNS_LIMIT}"
         raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
     overrides = dict(overrides or {})
     _check_fixed(overrides, design)

@@ -228,6 +228,12 @@ def test_the_way_to_a_circle_is_flown_as_its_first_item_has_it(first, then):
     assert (circle[-1].stage.altitude_m, circle[-1].stage.airspeed_mps is None) == (40, False)
 
 
+@pytest.mark.parametrize("last", [item(21, east=600, north=300), waypoint(600, 300)])
+def test_what_is_commanded_before_a_last_item_that_takes_no_way_is_kept(last):
+    plan, _ = read(wpl(waypoint(300, 0), waypoint(600, 300), item(183, 5, 1500), last))
+    assert 183 in [command[0] for command in plan.stages[-1].commands]
+
+
 def test_what_a_fixed_wing_does_otherwise_is_a_finding():
     items = [waypoint(300, 0), item(178, 1, 20), item(82, east=600, north=300), item(20), waypoint(9, 9)]
     plan, found = read(qgc(*items, vehicleType=2))

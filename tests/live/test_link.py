@@ -384,6 +384,7 @@ def test_an_address_is_refused_before_anything_is_opened(address):
         (("--replay", "nosuch"), "nosuch:1:1: error: cannot be read"),
         (("--replay", "flight.tlog", "--upload"), "--upload:1:1: error: beside --replay"),
         (("--replay", "README.md"), "README.md:1:1: error: has no flight"),
+        (("--publish", "a.json", "--log", "./a.json"), "--publish:1:1: error: is the file of --log"),
     ],
 )
 def test_options_that_do_not_go_together(eadp, plan, options, message):

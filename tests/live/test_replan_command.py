@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.live.replanner import ReplanLog
 
 PLAN, SCENARIO, EXAMPLE = "plans/survey.plan", "scenarios/survey.yaml", "scenarios/example-telemetry.jsonl"
 ARGUMENTS = ("replan", PLAN, "--scenario", SCENARIO, "--planner", "joint")
@@ -225,6 +226,16 @@ def test_a_torn_last_line_is_dropped_and_a_decision_that_was_not_emitted_is_emit
     assert (code, advice) == (0, whole[29:50])
     assert err == f"{log}:60:1: warning: the last line was torn; it is dropped\n"
     assert all(json.loads(line) for line in log.read_text().splitlines())
+
+
+def test_a_mission_whose_line_is_torn_is_not_taken(tmp_path):
+    log = tmp_path / "flight.jsonl"
+    ReplanLog(str(log), "inputs").close()
+    log.write_bytes(log.read_bytes() + b'{"kind": "mission", "items": "a map"}')
+    opened = ReplanLog(str(log), "inputs")
+    assert (list(opened.entries()), opened.items) == ([], None)
+    opened.close()
+    assert [fault.message for fault in opened.warnings] == ["the last line was torn; it is dropped"]
 
 
 @pytest.mark.parametrize("changed", [("--set", "reserve_soc=0.1"), ("--planner", "static")])

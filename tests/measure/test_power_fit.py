@@ -34,6 +34,13 @@ def level_w(speed):
     return PARASITIC * speed**3 + INDUCED / speed + AVIONICS
 
 
+def test_a_column_without_readings_is_none():
+    t, power, speed, bank, climb = flight()
+    empty = np.full_like(t, np.nan)
+    assert fit_power(t, power, speed, empty, climb) == fit_power(t, power, speed, None, climb)
+    assert fit_power(t, power, speed, bank, empty) == fit_power(t, power, speed, bank, None)
+
+
 @pytest.mark.parametrize("constant_w", [None, AVIONICS])
 def test_the_closed_form_is_recovered(constant_w):
     fit = fit_power(*flight(), constant_w=constant_w)

@@ -481,6 +481,18 @@ def test_a_solver_that_is_broken_is_a_failure(broken):
 # --- the fallback
 
 
+def test_lowered_by_a_small_delta_finds_the_highest_level_that_holds():
+    rng, found = np.random.default_rng(11), set()
+    for i in range(20):
+        computations = one_computation(rng, SHAPES[i % 3], 5)
+        problem = case(rng, computations, 4, "control", tight=False)
+        held = [x for x in computations.levels[0] if problem.excess_w([np.array([x])] * 4) <= 1e-6]
+        if held:
+            assert problem.horizon().lowered(np.array([1e-7]), problem.forecast) == pytest.approx(max(held))
+            found.add(computations.levels[0].index(max(held)))
+    assert len(found) > 2
+
+
 def test_lowered_lowers_by_delta_until_the_constraints_hold():
     rng = np.random.default_rng(10)
     lowered = 0

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.core.geometry.polygons import signed_area_m2
 from eadp.errors import InputError
 from eadp.io.text.streams import Text
@@ -219,6 +219,15 @@ def test_a_boundary_and_obstacles_beside_each_other():
     inside, avoid = (table(ring, "x_m,y_m") for ring in moved)
     airspace, notes = read_airspace(avoid, inside, None, moved[0][0])
     assert (len(airspace.obstacles), len(airspace.boundary), notes) == (1, 1, [])
+
+
+def test_a_hole_without_an_area_lies_where_it_is_in_degrees_too():
+    ring, hole = ((10, 55), (10.01, 55), (10.01, 55.01), (10, 55.01)), ((10.002, 55.002), (10.0020004, 55.002))
+    body = {"type": "Polygon", "coordinates": [[*ring, ring[0]], [*hole, (10.0020004, 55.0020003), hole[0]]]}
+    field, notes = read_field(Text("f", json.dumps(body)))
+    (x, y), (obstacle,) = to_local_m(55.002, 10.002, field.origin_deg), field.airspace.obstacles
+    assert max(math.dist((x, y), corner) for corner in obstacle.outline) < 20
+    assert notes == ["1 obstacle without an area kept, with what lies within 10 m"]
 
 
 def test_holes_of_a_boundary_are_obstacles():

@@ -32,6 +32,9 @@ def test_a_million_runs_take_no_room():
     design = Design({name: range(100) for name in "abc"})
     assert len(design) == 10**6
     assert design.point(123456).values == {"a": 12, "b": 34, "c": 56}
+    wide = Design({f"k{i}": range(10) for i in range(70)})
+    assert wide.size == 10**70
+    assert [*wide.point(7 * 10**69 + 3).values.values()] == [7, *[0] * 68, 3]
 
 
 @pytest.mark.parametrize("method", ["random", "latin"])
