@@ -134,7 +134,7 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
     leave: Target = Waypoint(start, math.inf)
     kept = _kept(start, targets)
     for k, (i, target, way) in enumerate(kept):
-        following = kept[k + 1][1] if k + 1 < len(kept) else None
+        following = kept[k + 1] if k + 1 < len(kept) else None
         again = isinstance(target, Loiter) and isinstance(leave, Loiter) and leave[:2] == target[:2]
         leg = _farther(legs[-1], i) if again else _leg(i, leave, target)
         leg.way = way
@@ -233,18 +233,22 @@ def _tangent(leave: Target, target: Target) -> _Straight | None:
     return _Straight((ax - a * nx, ay - a * ny), (bx - b * nx, by - b * ny), wrap_angle_rad(course))
 
 
-def _choose_turn(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, tight: list[TightTurn]) -> Target:
+def _choose_turn(
+    leg: _Leg, waypoint: Waypoint, after: tuple[int, Target, int], radius_m: float, tight: list[TightTurn]
+) -> Target:
     """Set the turn at the end of a leg, and note one that is too tight; return what the next leg leaves.
 
-    The turn is a fillet where that passes near enough, or else a circle from the waypoint on.
+    `after` is the target after the waypoint, as `_kept` has it. The turn is a fillet where that passes near enough, or
+    else a circle from the waypoint on.
     """
-    course = leg.course_rad
+    course, (number, following, _) = leg.course_rad, after
     if waypoint.past_m and leg.round is None:
         leg.end, leg.past_m = _ahead(leg.end, course, waypoint.past_m), waypoint.past_m
     here = Waypoint(leg.end, 0.0)
     onward = _tangent(here, following)
     if onward is None:
-        raise Unreachable(leg.target + 1, "its circle encloses the point from which it is flown to")
+        why = "its circle encloses" if following.radius_m else "it is"
+        raise Unreachable(number, f"{why} the point from which it is flown to")
     corner = wrap_angle_rad(onward.course_rad - course)
     if abs(corner) < 1e-9:
         return here
@@ -266,7 +270,7 @@ def _choose_turn(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: flo
             break
         radius *= SHRINK
     if radius < radius_m:
-        tight.append(TightTurn(leg.target + 1, math.dist(leg.end, following.centre_m), 2 * radius_m))
+        tight.append(TightTurn(number, math.dist(leg.end, following.centre_m), 2 * radius_m))
     return leg.circle or here
 
 

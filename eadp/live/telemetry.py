@@ -192,11 +192,11 @@ class TelemetryReader:
         sample, more = (None, []) if line is None else self._sample(number, line, document)
         missing = [key for key in EXPECTED if key not in document and INSTEAD.get(key) not in document]
         useless = sample is None or all(value is None for value in sample[1:5])
-        if useless or not self._missing.issuperset(missing):
-            self._missing.update(missing)
-            if missing and not faults:
-                what = f"{', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing"
-                faults = [self.fault(number, document, "", what, f"the keys {', '.join(EXPECTED)}")]
+        told = missing if useless else [key for key in missing if key not in self._missing]
+        if told and not faults:  # of a line with other faults at the next one
+            self._missing.update(told)
+            what = f"{', '.join(told)} {'are' if len(told) > 1 else 'is'} missing"
+            faults = [self.fault(number, document, "", what, f"the keys {', '.join(EXPECTED)}")]
         return Reading(None if useless else sample, document, [*warnings, *faults, *more], number)
 
     def fault(self, number: int, document: JsonObject, key: str, message: str, expected: str) -> Fault:
@@ -293,7 +293,7 @@ class TelemetryReader:
     def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:
         """A warning about an invalid value."""
         shown = printable(json.dumps(document[key], default=str), 60)
-        expected = TelemetryLine.model_fields[key].description or ""
+        expected = " ".join((TelemetryLine.model_fields[key].description or "").split())
         return self.fault(number, document, key, f"{key} cannot be {shown}", expected)
 
     def _error(self, message: str, expected: str, column: int = 1) -> InputError:

@@ -224,14 +224,15 @@ def _charge_at_start(
     used_ah, capacity_ah = stated.get("used_ah"), options.capacity_ah or stated.get("capacity_ah")
     if capacity_ah and (used_ah or 0.0) + stated.get("counted_ah", 0.0) > 1.05 * capacity_ah:
         capacity_ah = None  # disproved: the log counts more
-    if used_ah and capacity_ah and NO_CHARGE < used_ah / capacity_ah < 1:
-        soc = 1 - used_ah / capacity_ah
+    used_share = 3600 * options.k_b_per_s * (used_ah or 0.0) / (capacity_ah or math.inf)
+    if NO_CHARGE < used_share < 1:
+        soc = 1 - used_share
         return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
     first_v, first_a, (chemistry, curve_v) = float(voltage_v[0]), float(current_a[0]), options.ends_or_curve
     resting = abs(first_a) <= RESTING * float(np.max(current_a))
     if resting and is_full_at_rest(first_v, options.cells, curve_v):
         return 1.0, ""
-    of = f"{options.cells or 'of some number of'} full {chemistry} cells"
+    of = f"{options.cells or 'some number of'} full {chemistry} cells"
     counted = "" if used_ah is None else f"; {1000 * used_ah:.0f} mAh were used before"
     message = (
         f"nothing shows the charge at the start of the log: the first voltage is {first_v:.2f} V "
@@ -434,7 +435,7 @@ def fit_battery(
         raise Infeasible(f"the log uses {drawn_ah:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
     notes = ["capacity and k_b cannot be estimated from voltage and current: they are as given"]
     log = _VoltageLog(t, volts, amps, charge)
-    constant = found = log.fit(rises=False, resists=True)
+    found = log.fit(rises=False, resists=True)
     if float(np.ptp(charge)) < MIN_CHARGE_USED:
         used_share = f"only {100 * np.ptp(charge):.1f} % of the charge is used"
         notes.append(f"{used_share}: the voltage is taken as the same at any charge")
@@ -454,7 +455,7 @@ def fit_battery(
         voltage_empty_std_v=empty_std_v if found.rises else 0.0,
         resistance_std_ohm=ohm_std if resists else 0.0,
         rms_v=found.fit.rms,
-        constant_rms_v=constant.fit.rms,
+        constant_rms_v=log.fit(rises=False, resists=resists).fit.rms,
         charge_from=float(charge[0]),
         charge_to=float(charge[-1]),
         correlation_s=found.fit.correlation_s,

@@ -50,6 +50,7 @@ _INSTANCE = ("Instance", "Inst", "I")
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     """The power log of one battery, voltage times current; raises InputError."""
     asked = {"--power": ", ".join(columns.power), "--voltage": columns.voltage, "--current": columns.current}
+    asked |= {"--time": columns.time, "--time-unit": columns.time_unit or ""}
     for option, given in asked.items():
         if given:
             raise InputError.at(option, 1, 1, "an autopilot's log has no such columns", "none of it", given)
@@ -59,8 +60,10 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
     counts: dict[str, int | float] = {"rows": len(time_us)}
     known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
-    if len(factors) and not (known & (factors[:, 1] != 0)).any():
-        raise InputError.at(name, 1, 1, "no current is measured: it is -1 or 0 throughout", "a log of a power module")
+    for what, values in zip(("voltage", "current"), factors.T, strict=True):
+        if len(values) and not (np.isfinite(values) & (values != 0) & (values != -1)).any():
+            message = f"no {what} is measured: it is -1 or 0 throughout"
+            raise InputError.at(name, 1, 1, message, "a log of a power module")
     if unknown := int(np.count_nonzero(~known)):
         counts["unknown"] = unknown
         message = f"{rows_text(unknown)} with an unknown voltage (0 or -1) or current (-1) left out"

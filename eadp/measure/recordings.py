@@ -385,7 +385,12 @@ def _asked(header: Row, asked: Sequence[str]) -> list[PowerColumn]:
         places = _places(name, header)
         if len(places) != 1:
             message = f"{'several columns' if places else 'no column'} {printable(name, 80)}"
-            raise InputError.at("--power", 1, 1, message, f"one of {_names(header)}", raw)
+            expected = "columns with names of their own" if places else f"one of {_names(header)}"
+            raise InputError.at("--power", 1, 1, message, expected, raw)
+        written = _written_per_watt(header.fields[places[0]])
+        if stated and (stated[2] == "MW" or written not in (None, _PER_WATT[unit])):
+            message = f"{stated[2]} is not the unit of the column {printable(header.fields[places[0]], 80)}"
+            raise InputError.at("--power", 1, 1, message, "the unit that it has", raw)
         parts.append(_with_unit(header, places[0], unit))
     if twice := repeated([part.name for part in parts]):
         raise InputError.at("--power", 1, 1, f"{parts[twice[0]].name} stands twice", "each once", asked[twice[0]])

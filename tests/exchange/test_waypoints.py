@@ -92,6 +92,13 @@ def test_a_corner_that_is_too_sharp_is_flown_over_as_the_shortest_path_with_a_fr
     assert start == path.pieces[0][1].start[:2]
 
 
+def test_a_circle_that_cannot_be_reached_is_named_past_a_waypoint_that_stands_twice():
+    twice = Waypoint((300.0, 0.0), 0.5, 100.0)
+    with pytest.raises(Unreachable, match="its circle encloses") as caught:
+        path_through((0.0, 0.0), [twice, twice, Loiter((400.0, 10.0), 80.0, 1.0)], 30.0)
+    assert caught.value.target == 2
+
+
 def test_no_room_for_a_turn_reduces_its_radius_and_is_listed():
     # two right angles 25 m apart need 2 · 20 m
     path = through([Waypoint((300.0, 0.0), 50), Waypoint((300.0, 25.0), 50), Waypoint((0.0, 25.0), 50)])

@@ -91,6 +91,8 @@ def test_units_that_are_stated():
     body = "fps,PWR_AVG,VDD_IN\n2,5.1,900\n"
     assert watts(body, "PWR_AVG [W]") == [5.1]
     assert watts(body, "PWR_AVG [W]", "VDD_IN") == [6.0]
+    with pytest.raises(InputError, match=r"W is not the unit of the column GPU \[mW\]"):
+        watts("t,GPU [mW]\n0,2\n", "GPU [W]")
     assert watts("time_s,board [µW]\n0,2000000\n", "board [µW]") == watts("t,power.draw\n0,2\n", "power.draw") == [2.0]
 
 

@@ -541,7 +541,9 @@ class JointPlanner(Planner):
         )
         if old != new:
             return f"airspeed {old} → {new} m/s"
-        return f"airspeed of other stages {min(airspeeds_mps):.3g} to {max(airspeeds_mps):.3g} m/s"
+        others = [speed for i, speed in enumerate(airspeeds_mps) if i != stage] or airspeeds_mps
+        ends = dict.fromkeys(f"{speed:.3g}" for speed in (min(others), max(others)))
+        return f"airspeed of other stages {' to '.join(ends)} m/s"
 
     def _battery_limit(self, known: Known, plan: Candidate) -> str | None:
         """The battery's limit of power that costs computations, or makes the plan infeasible; None where none does."""
