@@ -114,7 +114,7 @@ def _turning_s(airframe: FixedWing | PowerCurve, speed_mps: float, flown_s: floa
 
 def _off_m(leg: Leg, position: Point) -> float:
     """How far a position is from a leg's path [m]; 0 where the path has no direction."""
-    here = position[0] - leg.offset_m[0], position[1] - leg.offset_m[1]
+    here = leg.local_m(position)
     try:
         tangent(leg.path, here, leg.stage.sense)
         return math.dist(here, leg.track.nearest(here))

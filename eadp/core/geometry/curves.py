@@ -311,13 +311,13 @@ class LineTrack(Track):
 
     def __init__(self, path: PathFunction, end: Point, sense: int) -> None:
         super().__init__(path, end, sense)
-        self._line = line_of(path, end, sense)
+        self.line = line_of(path, end, sense)
 
     def nearest(self, point: Point) -> Point:
         return line_of(self.path, point, self._sense).point_m
 
     def ahead_m(self, point: Point) -> float:
-        return -self._line.progress_m(point)
+        return -self.line.progress_m(point)
 
     def remaining_m(self, point: Point, guess_m: float) -> float:
         return self.ahead_m(point)
@@ -326,7 +326,7 @@ class LineTrack(Track):
         return math.inf
 
     def approach(self) -> Point:
-        (x, y), (dx, dy) = self._line.point_m, self._line.direction
+        (x, y), (dx, dy) = self.line.point_m, self.line.direction
         return x - APPROACH_M * dx, y - APPROACH_M * dy
 
     def points(self, start: Point, distance_m: float, share: float, count: int) -> FloatArray:
@@ -336,7 +336,7 @@ class LineTrack(Track):
         return np.column_stack((x + along_m * dx, y + along_m * dy, np.full(count + 1, math.atan2(dy, dx))))
 
     def nodes(self, start: Point, distance_m: float, share: float) -> Nodes:
-        dx, dy = self._line.direction
+        dx, dy = self.line.direction
         return Nodes(*np.array([[distance_m], [dx], [dy], [0.0]]))
 
 

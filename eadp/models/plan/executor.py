@@ -7,16 +7,7 @@ import math
 from collections.abc import MutableSequence, Sequence
 
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import (
-    CIRCLE,
-    LINE,
-    Point,
-    circle_of,
-    curve_length_m,
-    line_of,
-    project,
-    tangent,
-)
+from eadp.core.geometry.curves import CIRCLE, LINE, CircleTrack, LineTrack, Point, project, tangent
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Vector
 from eadp.models.plan.stage import Stage
@@ -24,23 +15,24 @@ from eadp.models.plan.stage import Stage
 FIRED, ENDED = 1, 2
 """What happens at a position, as bits: the trigger fires, the plan ends."""
 
-FIRES_IN, TRIGGER_X, TRIGGER_Y, RADIUS, RADIUS_SQUARED = range(5)
-"""Where the trigger fires (`BOX`, `DISC` or nowhere); its position, radius and the square of that."""
+IN_BOX, TRIGGER_X, TRIGGER_Y, RADIUS = range(4)
+"""Whether the trigger fires in a box and not in a disc; its position, and its radius or half the box's side."""
 
-ARMED, FLOWN, HALF_LENGTH, LAST_X, LAST_Y = range(5, 10)
-"""Whether it is armed, the distance flown until then, half the stage's length, the last position."""
+ARMED, FLOWN, HALF_LENGTH, LAST_X, LAST_Y = range(4, 9)
+"""Whether the disc is armed, the distance flown until then, half the stage's length, the last position."""
 
-PASSED_BY, PASS_X, PASS_Y, PASS_P, PASS_Q, PROGRESS, BEARING, SEEN_X, SEEN_Y, REACH_SQUARED = range(10, 20)
-"""What passes it: `BY_LINE`, a point and the direction of travel (P, Q); `BY_CIRCLE`, the centre, the turn (P) and the
-angle to go (Q); the angle gone, and the last direction from the centre, at the position where it was computed; the
-square of the distance from there within which the angle cannot be gone."""
+PASSED_BY, ALONG_X, ALONG_Y = range(9, 12)
+"""Which progress passes the trigger: `BY_LINE`, along a direction of travel, `BY_CIRCLE` or neither."""
 
-ENDS, FINAL_X, FINAL_Y, SIDE_X, SIDE_Y, ACROSS = range(20, 26)
+CENTRE_X, CENTRE_Y, TURN, TO_GO, GONE, BEARING, SEEN_X, SEEN_Y, REACH_SQUARED = range(12, 21)
+"""Of a circle: its centre and turn, the angle to go, the angle gone, and the last direction from the centre, at the
+position where it was computed; the square of the distance from there within which the angle cannot be gone."""
+
+ENDS, FINAL_X, FINAL_Y, SIDE_X, SIDE_Y, ACROSS = range(21, 27)
 """Whether the plan ends beyond the final point; that point, the sides of it, the radius across them."""
 
-WATCHED = 26
-BOX, DISC = 1.0, 2.0
-NEVER, BY_LINE, BY_CIRCLE = 0.0, 1.0, 2.0
+WATCHED = 27
+BY_LINE, BY_CIRCLE = 1.0, 2.0
 
 
 def watched(w: MutableSequence[float], x: float, y: float, curve: CurveProgress | None) -> int:
@@ -48,33 +40,40 @@ def watched(w: MutableSequence[float], x: float, y: float, curve: CurveProgress 
 
     `w` is what is watched, a list or an array, and is updated. Compiled, `curve` is None. Nothing here may raise.
     """
-    fires = False
     dx, dy = x - w[TRIGGER_X], y - w[TRIGGER_Y]
-    if w[FIRES_IN] == DISC:
-        inside = dx * dx + dy * dy <= w[RADIUS_SQUARED]
-        if w[ARMED] == 0.0:
-            ex, ey = x - w[LAST_X], y - w[LAST_Y]
-            w[FLOWN] += math.sqrt(ex * ex + ey * ey)
-            w[LAST_X], w[LAST_Y] = x, y
-            if not inside or w[FLOWN] >= w[HALF_LENGTH]:
-                w[ARMED] = 1.0
-        fires = inside and w[ARMED] != 0.0
-        if not fires:
-            if w[PASSED_BY] == BY_LINE:
-                fires = (x - w[PASS_X]) * w[PASS_P] + (y - w[PASS_Y]) * w[PASS_Q] >= 0
-            elif w[PASSED_BY] == BY_CIRCLE:
-                ex, ey = x - w[SEEN_X], y - w[SEEN_Y]
-                if ex * ex + ey * ey >= w[REACH_SQUARED]:
-                    _turned(w, x, y)
-                    fires = w[PROGRESS] >= w[PASS_Q]
-            if curve is not None:
-                fires = curve(x, y)
-    elif w[FIRES_IN] == BOX:
+    if w[IN_BOX] != 0.0:
         fires = abs(dx) <= w[RADIUS] and abs(dy) <= w[RADIUS]
+    else:
+        inside = dx * dx + dy * dy <= w[RADIUS] * w[RADIUS]
+        if w[ARMED] == 0.0:
+            _arm(w, x, y, inside)
+        fires = (inside and w[ARMED] != 0.0) or _passed(w, x, y, curve)
     events = FIRED if fires else 0
     if w[ENDS] != 0.0 and is_beyond(x - w[FINAL_X], y - w[FINAL_Y], w[SIDE_X], w[SIDE_Y], w[ACROSS]):
         events += ENDED
     return events
+
+
+def _arm(w: MutableSequence[float], x: float, y: float, inside: bool) -> None:
+    """Arm the disc once the robot has been outside it, or has flown half the stage."""
+    ex, ey = x - w[LAST_X], y - w[LAST_Y]
+    w[FLOWN] += math.sqrt(ex * ex + ey * ey)
+    w[LAST_X], w[LAST_Y] = x, y
+    if not inside or w[FLOWN] >= w[HALF_LENGTH]:
+        w[ARMED] = 1.0
+
+
+def _passed(w: MutableSequence[float], x: float, y: float, curve: CurveProgress | None) -> bool:
+    """Whether the progress along the path has passed the trigger."""
+    if curve is not None:
+        return curve(x, y)
+    if w[PASSED_BY] == BY_LINE:
+        return (x - w[TRIGGER_X]) * w[ALONG_X] + (y - w[TRIGGER_Y]) * w[ALONG_Y] >= 0
+    ex, ey = x - w[SEEN_X], y - w[SEEN_Y]
+    if w[PASSED_BY] != BY_CIRCLE or ex * ex + ey * ey < w[REACH_SQUARED]:
+        return False
+    _turned(w, x, y)
+    return w[GONE] >= w[TO_GO]
 
 
 def _turned(w: MutableSequence[float], x: float, y: float) -> None:
@@ -83,7 +82,7 @@ def _turned(w: MutableSequence[float], x: float, y: float) -> None:
     Seen from the centre, at a distance r, a disc of radius r sin a has the half angle a. Within it an angle a cannot be
     gone, and no turn is missed.
     """
-    dx, dy = x - w[PASS_X], y - w[PASS_Y]
+    dx, dy = x - w[CENTRE_X], y - w[CENTRE_Y]
     now = math.atan2(dy, dx)
     turned = now - w[BEARING]
     # the remainder by 2π, exactly: the difference of two directions is within ±2π
@@ -91,9 +90,9 @@ def _turned(w: MutableSequence[float], x: float, y: float) -> None:
         turned -= 2 * math.pi
     elif turned < -math.pi:
         turned += 2 * math.pi
-    w[PROGRESS] += w[PASS_P] * turned
+    w[GONE] += w[TURN] * turned
     w[BEARING], w[SEEN_X], w[SEEN_Y] = now, x, y
-    share = math.sin(max(min(w[PASS_Q] - w[PROGRESS], math.pi / 2), 0.0))
+    share = math.sin(max(min(w[TO_GO] - w[GONE], math.pi / 2), 0.0))
     w[REACH_SQUARED] = (dx * dx + dy * dy) * share * share
 
 
@@ -116,7 +115,7 @@ class TriggerWatch:
 
     Attributes
     ----------
-    numbers : list or array of float, shape (26,)
+    numbers : list or array of float, shape (27,)
         What `watched` reads and updates; may be replaced by an array of the same numbers.
     curve : CurveProgress or None
         Progress along a general curve.
@@ -139,14 +138,11 @@ class TriggerWatch:
         end = cursor.end()
         if end is not None and not end.at_trigger:
             w[ENDS : ACROSS + 1] = [1.0, *end.final_m, *signs(end.shift_m), plan.final_radius_m]
-        w[TRIGGER_X : RADIUS_SQUARED + 1] = [*trigger, radius, radius * radius]
+        w[IN_BOX : RADIUS + 1] = [float(rules.box_triggers), *trigger, radius]
         if rules.box_triggers:
-            w[FIRES_IN] = BOX
             return
-        w[FIRES_IN] = DISC
         armed = math.dist(trigger, position_m) > radius
         length_m = self._watch_passing(cursor, path, trigger, joined_m, position_m, before)
-        # armed once the robot has been outside the disc, or has flown half the stage
         w[ARMED : LAST_Y + 1] = [float(armed), 0.0, length_m / 2, *position_m]
 
     def events(self, x: float, y: float) -> int:
@@ -164,14 +160,14 @@ class TriggerWatch:
         """Go on with the stage where a share of it has been flown."""
         w = self.numbers
         if w[PASSED_BY] == BY_CIRCLE:
-            self._add_turns((share * w[PASS_Q] - w[PROGRESS]) / (2 * math.pi))
+            self._add_turns((share * w[TO_GO] - w[GONE]) / (2 * math.pi))
         if self.curve is not None:
             self.curve.resume(share)
         w[FLOWN] = 2 * share * w[HALF_LENGTH]
 
     def _add_turns(self, turns: float) -> None:
         """Add whole turns round the circle to the angle gone."""
-        self.numbers[PROGRESS] += 2 * math.pi * round(turns)
+        self.numbers[GONE] += 2 * math.pi * round(turns)
         self.numbers[REACH_SQUARED] = 0.0
 
     def _watch_passing(
@@ -184,28 +180,23 @@ class TriggerWatch:
         before: TriggerWatch | None,
     ) -> float:
         """Watch the progress along the path that passes the trigger; return the stage's nominal length [m]."""
-        stage, (ox, oy), w = cursor.stage, cursor.offset_m, self.numbers
-        local = (trigger[0] - ox, trigger[1] - oy)
-        join = (joined_m[0] - ox, joined_m[1] - oy)
-        if stage.kind == LINE:
-            line = line_of(path, local, stage.sense)
-            w[PASSED_BY : PASS_Q + 1] = [BY_LINE, ox + local[0], oy + local[1], *line.direction]
-            return abs(line.progress_m(join))
-        if stage.kind == CIRCLE:
-            circle = circle_of(path, local, stage.sense)
-            sweep, (cx, cy) = circle.sweep_rad(join, local), circle.centre_m
-            w[PASSED_BY : PASS_Q + 1] = [BY_CIRCLE, cx + ox, cy + oy, circle.turn, sweep]
-            w[PROGRESS : BEARING + 1] = [0.0, circle.angle_rad(join)]
+        (ox, oy), w = cursor.offset_m, self.numbers
+        local, join = (trigger[0] - ox, trigger[1] - oy), (joined_m[0] - ox, joined_m[1] - oy)
+        track = cursor.stage.track(path, local)
+        length_m = abs(track.ahead_m(join))
+        if isinstance(track, LineTrack):
+            w[PASSED_BY : ALONG_Y + 1] = [BY_LINE, *track.line.direction]
+        elif isinstance(track, CircleTrack):
+            circle, (cx, cy) = track.circle, track.circle.centre_m
+            w[PASSED_BY], w[BEARING] = BY_CIRCLE, circle.angle_rad(join)
+            w[CENTRE_X : TO_GO + 1] = [cx + ox, cy + oy, circle.turn, circle.sweep_rad(join, local)]
             _turned(w, *position_m)  # from where the stage was joined in the plan to where the robot is
             if before is not None and before.numbers[PASSED_BY] == BY_CIRCLE:
                 # the path has moved under the robot: whole turns flown stay flown; its angle is that of the last test
                 _turned(before.numbers, *position_m)
-                self._add_turns((before.numbers[PROGRESS] - w[PROGRESS]) / (2 * math.pi))
-            return circle.radius_m * sweep
-        start = project(path, join)
-        length_m = curve_length_m(path, start, local, stage.sense)
-        if math.isfinite(length_m):
-            self.curve = CurveProgress(path, stage.sense, length_m, cursor.offset_m, start)
+                self._add_turns((before.numbers[GONE] - w[GONE]) / (2 * math.pi))
+        elif math.isfinite(length_m):
+            self.curve = CurveProgress(path, cursor.stage.sense, length_m, cursor.offset_m, track.nearest(join))
             self.curve(*position_m)
             if before is not None and before.curve is not None:
                 self.curve.progress_m = before.curve.progress_m

@@ -19,7 +19,7 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Nodes, Point, Track
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import PlanCursor, Vector
+from eadp.models.plan.cursor import PlanCursor, PlanEnd, Vector, cursors
 from eadp.models.plan.executor import signs
 from eadp.models.plan.ground import FlownGround, lap_scale
 from eadp.models.plan.plan import Plan
@@ -341,29 +341,23 @@ class RoutePredictor:
         PathUndefined
             If a path or trigger has no value, a trigger is not met, or the plan's end is not reached.
         """
-        flown = list[tuple[PlanCursor, Leg, int]]()
-        start, following = joined_m, cursor
-        end, of_lap = cursor.end(), (cursor.lap, cursor.parameters)
-        while True:
-            cursor = following
-            leg, number = self._leg(cursor, start)
-            if (cursor.lap, cursor.parameters) != of_lap:
-                end, of_lap = cursor.end(), (cursor.lap, cursor.parameters)
+        flown, start = list[tuple[PlanCursor, Leg, int]](), joined_m
+        end: PlanEnd | None = None
+        of_lap: object = None
+        for here in cursors(cursor):
+            leg, row = self._leg(here, start)
+            if (here.lap, here.parameters) != of_lap:
+                end, of_lap = here.end(), (here.lap, here.parameters)
             if end is not None and not end.at_trigger:
-                flown_m = end_on(leg, end.final_m, end.shift_m, cursor.table.plan.final_radius_m, margin_m)
-                if flown_m < math.inf:
+                flown_m = flown_to_end_m(leg, end, here.table.plan.final_radius_m, margin_m)
+                if flown_m is not None:
                     cut = leg._replace(flown_m=flown_m)
-                    (ox, oy), (x, y) = cut.offset_m, cut.start_m
-                    share = cut.distance_m / cut.length_m if cut.length_m else 1.0
-                    nodes = cut.track.nodes((x - ox, y - oy), cut.distance_m, share)
-                    flown.append((cursor, cut, self._rows(cursor).add(cut.stage, cursor.parameters, nodes)))
-                    beyond_m = cut.length_m - cut.distance_m + self._rest_m(cursor, leg.end_m)
-                    return self._route(flown, beyond_m)
-            flown.append((cursor, leg, number))
+                    nodes = cut.track.nodes(cut.local_m(cut.start_m), cut.distance_m, cut.flown_share)
+                    flown.append((here, cut, self._rows(here).add(cut.stage, here.parameters, nodes)))
+                    return self._route(flown, cut.length_m - cut.distance_m + self._rest_m(here, leg.end_m))
+            flown.append((here, leg, row))
             start = leg.end_m
-            if (after := cursor.next()) is None:
-                return self._route(flown)
-            following = after
+        return self._route(flown)
 
     def _rows(self, cursor: PlanCursor) -> LegTable:
         """The table of the plan's legs."""
@@ -372,16 +366,15 @@ class RoutePredictor:
 
     def _route(self, flown: Sequence[tuple[PlanCursor, Leg, int]], beyond_m: float = 0.0) -> Route:
         """The route of legs with their places in the plan and rows; see its `beyond_m`."""
-        cursors, legs, rows = zip(*flown, strict=True)
-        places = [(cursor.segment, cursor.lap) for cursor in cursors]
+        of_legs, legs, rows = zip(*flown, strict=True)
+        places = [(cursor.segment, cursor.lap) for cursor in of_legs]
         ended = [place != after for place, after in itertools.pairwise([*places, None])]
         runs = np.cumsum([False, *ended[:-1]])
         # what shifts the next lap is known where a lap is complete
-        last = [cursor for cursor, over in zip(cursors, ended, strict=True) if over]
+        last = [cursor for cursor, over in zip(of_legs, ended, strict=True) if over]
         scales = [lap_scale(cursor, last=i == len(last)) for i, cursor in enumerate(last, 1)]
-        order = np.array(rows, dtype=np.intp)
-        table = self._rows(cursors[0])
-        return Route(table, order, legs, runs, np.array(scales), beyond_m, cursors[0])
+        table, order = self._rows(of_legs[0]), np.array(rows, dtype=np.intp)
+        return Route(table, order, legs, runs, np.array(scales), beyond_m, of_legs[0])
 
     def leg(self, cursor: PlanCursor, joined_m: Point) -> Route:
         """The whole of a stage alone, from where it is joined.
@@ -395,8 +388,7 @@ class RoutePredictor:
 
     def length_m(self, cursor: PlanCursor, joined_m: Point) -> float:
         """Length of the whole of a stage, from where it is joined [m]; raises PathUndefined as `route`."""
-        ox, oy = cursor.offset_m
-        return self._shape(cursor, (joined_m[0] - ox, joined_m[1] - oy)).length_m
+        return self._leg(cursor, joined_m)[0].length_m
 
     def _rest_m(self, cursor: PlanCursor, start: Point) -> float:
         """Length of the stages of a lap after this one [m]."""
@@ -429,39 +421,40 @@ class RoutePredictor:
         return self._shapes[key]
 
 
-def end_on(leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: float) -> float:
-    """The distance flown along a leg on which the plan ends [m]; infinite where it does not end on it.
+def flown_to_end_m(leg: Leg, end: PlanEnd, radius_m: float, margin_m: float) -> float | None:
+    """The distance flown along a leg on which the plan ends [m]; None where it does not end on it.
 
     Parameters
     ----------
     leg : Leg
-    final, shift : (float, float)
-        Final point and shift [m].
+    end : PlanEnd
     radius_m : float
         Radius across the shift [m].
     margin_m : float
         By how much the end has to be passed to be one [m].
     """
-    sides = signs(shift)
-    # a point of the leg is at most so far beyond the end: the way there and back is no longer than the leg
-    ways = zip(sides, leg.start_m, leg.end_m, final, strict=True)
-    max_m = min([(leg.length_m + side * (a - to) + side * (b - to)) / 2 for side, a, b, to in ways if side], default=0)
-    if not margin_m < max_m < math.inf:
-        return math.inf
+    sides = signs(end.shift_m)
+    if not margin_m < _max_beyond_m(leg, end.final_m, sides) < math.inf:
+        return None
     points = leg_points(leg._replace(flown_m=math.inf), END_STEP_M)
     # how far each point is beyond the end along the shift, and within the radius across it
-    beyond_m = aside_m = np.full(len(points), math.inf)
-    for values, to, side in zip(points.T[:2], final, sides, strict=True):
-        if side:
-            beyond_m = np.minimum(beyond_m, side * (values - to))
-        else:
-            aside_m = np.minimum(aside_m, radius_m - np.abs(values - to))
-    if not (np.minimum(beyond_m - margin_m, aside_m) > ROUNDING_M).any():
-        return math.inf
-    over_m = np.minimum(beyond_m, aside_m)
+    away_m, along = points[:, :2] - end.final_m, np.array(sides) != 0
+    beyond_m = np.where(along, sides * away_m, math.inf).min(axis=1)
+    inside_m = np.where(along, math.inf, radius_m - np.abs(away_m)).min(axis=1)
+    if not (np.minimum(beyond_m - margin_m, inside_m) > ROUNDING_M).any():
+        return None
+    # it ends where it is beyond the end first, whatever the margin
+    over_m = np.minimum(beyond_m, inside_m)
     i = int(np.argmax(over_m > ROUNDING_M))
     at_m = np.arange(len(points)) * (leg.length_m / (len(points) - 1))
     return float(np.interp(0.0, over_m[i - 1 : i + 1], at_m[i - 1 : i + 1])) if i else 0.0
+
+
+def _max_beyond_m(leg: Leg, final_m: Point, sides: Point) -> float:
+    """A distance beyond the end that no point of a leg exceeds [m]; 0 where there is no shift."""
+    # the way from the start to a point, and on to the end, is the leg's length
+    ways = [each for each in zip(sides, leg.start_m, leg.end_m, final_m, strict=True) if each[0]]
+    return min([(leg.length_m + side * (a - to) + side * (b - to)) / 2 for side, a, b, to in ways], default=0.0)
 
 
 def _grid(point: Point) -> tuple[int, int]:

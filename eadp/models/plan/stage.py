@@ -360,16 +360,23 @@ class Leg(NamedTuple):
         """The distance flown along the leg [m]."""
         return min(self.length_m, self.flown_m)
 
+    @property
+    def flown_share(self) -> float:
+        """The share of its length that is flown; 1 of a leg without length."""
+        return self.distance_m / self.length_m if self.length_m else 1.0
+
+    def local_m(self, point: Point) -> Point:
+        """A point [m] in the frame of lap 0."""
+        return point[0] - self.offset_m[0], point[1] - self.offset_m[1]
+
 
 def leg_points(leg: Leg, step_m: float) -> FloatArray:
     """Points of a leg at most `step_m` [m] apart, to where the plan ends on it; shape (n, 3).
 
     Of each x, y [m] and the direction of travel [rad]; the first and the last are exact, and all are on its path.
     """
-    (ox, oy), (x, y) = leg.offset_m, leg.start_m
-    share = leg.distance_m / leg.length_m if leg.length_m else 1.0
     count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
-    points = leg.track.points((x - ox, y - oy), leg.distance_m, share, count)
+    points = leg.track.points(leg.local_m(leg.start_m), leg.distance_m, leg.flown_share, count)
     points[:, :2] += leg.offset_m
     return points
 
@@ -385,16 +392,14 @@ def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> f
     flown_m : float
         Distance flown on it so far, roughly [m]: it resolves turns round a circle, and is the measure on a curve.
     """
-    local = (position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
     cut_m = leg.length_m - leg.distance_m
-    left = leg.track.remaining_m(local, leg.distance_m - flown_m + cut_m) - cut_m
+    left = leg.track.remaining_m(leg.local_m(position), leg.distance_m - flown_m + cut_m) - cut_m
     return min(max(left, 0.0), leg.distance_m + early_m)
 
 
 def rest_of(leg: Leg, position: Point, flown_m: float) -> Leg:
     """A leg from a position on [m], with about the distance flown on it so far [m]; see `left_m`."""
     rest_m = min(left_m(leg, position, flown_m), leg.distance_m)
-    (ox, oy), (x, y) = leg.offset_m, position
-    nx, ny = leg.track.nearest((x - ox, y - oy))
+    (ox, oy), (x, y) = leg.offset_m, leg.track.nearest(leg.local_m(position))
     cut_m = leg.length_m - leg.distance_m
-    return leg._replace(start_m=(nx + ox, ny + oy), length_m=rest_m + cut_m, flown_m=rest_m)
+    return leg._replace(start_m=(x + ox, y + oy), length_m=rest_m + cut_m, flown_m=rest_m)

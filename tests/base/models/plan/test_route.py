@@ -22,10 +22,10 @@ from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
-from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
+from eadp.models.plan.cursor import LIVE, PlanCursor, PlanEnd, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import RoutePredictor, end_on
+from eadp.models.plan.route import RoutePredictor, flown_to_end_m
 from eadp.models.plan.stage import left_m, leg_points
 from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
@@ -477,8 +477,7 @@ def a_leg(path, begin, trigger, rotation=90):
 
 def first_beyond_m(leg, final, shift, radius):
     """How far along a leg a plan is over; None where it is not."""
-    found = end_on(leg, final, shift, radius, 0.0)
-    return found if found < math.inf else None
+    return flown_to_end_m(leg, PlanEnd(final, shift, at_trigger=False), radius, 0.0)
 
 
 def test_where_a_plan_is_over_on_a_curve():
