@@ -99,9 +99,7 @@ def summarise(
         "parameters": parameters,
         "quality": log.quality(settings.weights),
         "coverage": None,
-        "obstacles": [
-            {"name": each.name, "entered_s": each.entered_s, "inside_m": each.inside_m} for each in outcome.entries
-        ],
+        "obstacles": [each._asdict() for each in outcome.entries],
         "paper_metric": log.paper_metric(outcome.soc_final),
         "endurance": _endurance(world, outcome) if duration_s else None,
         "decisions": len(outcome.records),

@@ -173,12 +173,9 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
         "origin_deg": site.origin_deg,
         "findings": [_finding(item) for item in findings],
     }
-    if site.start_m is not None:
-        result["start_m"] = site.start_m
-    if site.field is not None:
-        result["field"] = site.field.summary
-    if site.camera is not None:
-        result["camera"] = site.camera._asdict()
+    known = {"start_m": site.start_m, "field": site.field and site.field.summary}
+    known["camera"] = site.camera and site.camera._asdict()
+    result |= {key: value for key, value in known.items() if value is not None}
     if plan.segments:
         result["segments"] = [
             {

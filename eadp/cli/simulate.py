@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.api.flight import REPORT, simulate
+from eadp.api.flight import simulate
 from eadp.api.given import FlightOptions, JobKind, job_in
 from eadp.cli.output import Progress, alarm, emit, emit_json, usage_fault, warn
 from eadp.errors import one_of
@@ -136,8 +136,5 @@ def _text(flight: Flight, output: SimulateOutputs) -> str:
 
     rows = account(flight.summary, flight.inputs.scenario, flight.inputs.world.plan)
     if output.out is not None:
-        decided = "decisions.jsonl, " if flight.decisions else ""
-        names = [f"{kind}.{ending}" for kind in ("flight", output.figure) if kind for ending in ("svg", "png")]
-        written = ", ".join([*names, REPORT])
-        rows.append(("written", f"{output.out}/flight.csv, estimate.csv, summary.json, {decided}{written}"))
+        rows.append(("written", output.out))
     return "\n".join(f"{label:<10} {text}" if label else text for label, text in rows)

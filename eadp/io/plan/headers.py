@@ -182,29 +182,35 @@ def _camera(text: str) -> SurveyCamera:
 
 
 def _ring(text: str) -> tuple[Point, ...]:
-    """The corners of a part of the field, or of a hole in it."""
-    corners = [_floats(part) for part in text.split(",")]
-    if len(corners) < 3 or not all(len(each) == 2 and max(map(abs, each)) <= LARGEST for each in corners):
-        raise ExpressionError(0, "no corners of an area", "three or more in metres, like 0 0, 100 0, 100 50")
-    return tuple((x, y) for x, y in corners)
+    """The corners of a part of the field, or of a hole in it: `x y, x y, …`."""
+    return _polygon(text.split(","), "0 0, 100 0, 100 50")
 
 
-def _area(text: str, named: str = "") -> tuple[str, tuple[Point, ...]]:
+def _area(text: str) -> tuple[str, tuple[Point, ...]]:
     """What stands before the corners of an area, as x,y x,y …, and these."""
     words = text.split()
     # from the last word that is no corner on: a name may have commas, too
     first = next((i for i in range(len(words), 0, -1) if not _CORNER.match(words[i - 1])), 0)
-    corners = [_floats(word) for word in words[first:]]
-    ring = tuple((x, y) for x, y in corners if max(abs(x), abs(y)) <= LARGEST)
-    if len(ring) < 3 or len(ring) < len(corners) or (first and not named):
-        expected = f"three or more in metres, like 0,0 100,0 100,50{named}"
-        raise ExpressionError(0, "no corners of an area", expected)
-    return " ".join(words[:first]), ring
+    return " ".join(words[:first]), _polygon(words[first:], "0,0 100,0 100,50")
+
+
+def _polygon(texts: Sequence[str], form: str) -> tuple[Point, ...]:
+    corners = [_floats(text) for text in texts]
+    if len(corners) < 3 or not all(len(each) == 2 and max(map(abs, each)) <= LARGEST for each in corners):
+        raise ExpressionError(0, "no corners of an area", f"three or more in metres, like {form}")
+    return tuple((x, y) for x, y in corners)
+
+
+def _boundary(text: str) -> tuple[Point, ...]:
+    name, ring = _area(text)
+    if name:
+        raise ExpressionError(0, "a boundary with a name", "corners alone")
+    return ring
 
 
 def _obstacle(text: str) -> Obstacle:
     """`NAME height H x,y x,y …`, name and height left out or not."""
-    label, ring = _area(text, " after a name")
+    label, ring = _area(text)
     height = _HEIGHT.search(label)
     expected = "a height above the origin, from 0 to 1e5 m"
     height_m = None
@@ -308,7 +314,7 @@ HEADERS: dict[str, Header] = dict(
         _metres("home-altitude", "site.home_altitude_m", _HEIGHT_M),
         _metres("clearance", "site.clearance_m", ("metres from 0 to 1e5", lambda v: 0 <= v <= 1e5), CLEARANCE_M),
         ("avoid", Header(_obstacle, _obstacle_lines)),
-        ("inside", Header(lambda text: _area(text)[1], _boundary_lines)),
+        ("inside", Header(_boundary, _boundary_lines)),
         _one("made-for", "site.made_for", _made_for, _made_for_text),
         _one("camera", "site.camera", _camera, _camera_text),
         _metres("ground", "site.ground_m", _ABOVE_SEA),

@@ -284,7 +284,7 @@ class _Reader:
             draft.radius_m = self._number(radius, *RADIUS)
             if _LIKE_DECIMALS.search(line.text):
                 message = f"a trigger with a radius of {printable(radius.text.strip(), 40)} m, or a decimal comma"
-                self._findings.append(Finding("warning", len(self._drafts), line.number, "comma", message, line.column))
+                self._warn(line, "comma", message, len(self._drafts))
         draft.trigger = self._point(line.part(0, end), f"the trigger of stage {len(self._drafts)}, like -115, 146")
 
     def _read_set(self, line: _Line) -> None:
@@ -362,8 +362,7 @@ class _Reader:
                 self._commands.append(value)
         elif key not in HEADERS:
             known = ", ".join((*HEADERS, *STAGE_HEADERS))
-            message = f"unknown header {printable(key, 40)}; expected one of {known}"
-            self._findings.append(Finding("warning", None, line.number, "unknown-header", message, line.column))
+            self._warn(line, "unknown-header", f"unknown header {printable(key, 40)}; expected one of {known}")
         else:
             header = HEADERS[key]
             value = self._attempt(own, header.read) if header.read else None
@@ -408,8 +407,7 @@ class _Reader:
         for part, own in zip(parts, lines, strict=True):
             for flaw in flaws(part[0], part[1:]):  # flown as well without
                 (x, y), line = flaw.point_m, own[flaw.ring]
-                message = f"the field is left out: a ring {flaw.message} at ({x:g}, {y:g})"
-                self._findings.append(Finding("warning", None, line.number, "field", message, line.column))
+                self._warn(line, "field", f"the field is left out: a ring {flaw.message} at ({x:g}, {y:g})")
                 return None
         return Field((), **self._of("site.field")).with_parts(parts)
 
@@ -566,7 +564,7 @@ class _Reader:
             f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "
             f"({point_text(plan.shift)}), nor its opposite"
         )
-        self._findings.append(Finding("warning", None, self._header_shift_line.number, "header-shift", message))
+        self._warn(self._header_shift_line, "header-shift", message)
 
     def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Segment, ...]) -> Stage:
         assert draft.gain is not None
@@ -632,11 +630,9 @@ class _Reader:
 
     def _check_smoothness(self, plan: Plan) -> None:
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
-            if stage.path.non_smooth:
-                used = stage.path.non_smooth
+            if used := stage.path.non_smooth:
                 message = f"the path of stage {stage.index} uses {used}, which is not twice differentiable everywhere"
-                column = draft.path_line.column
-                self._findings.append(Finding("warning", stage.index, stage.line, "not-smooth", message, column))
+                self._warn(draft.path_line, "not-smooth", message, stage.index)
 
     def _repeating(self, plan: Plan) -> Plan:
         """The short form: lap 1's stages, and the shift d that takes them to the next lap.
@@ -675,6 +671,9 @@ class _Reader:
 
     def _fault(self, line: _Line, message: str, expected: str = "", offset: int = 0) -> None:
         self._faults.append(self._source.fault((line.number, line.column + offset), message, expected))
+
+    def _warn(self, line: _Line, code: str, message: str, stage: int | None = None) -> None:
+        self._findings.append(Finding("warning", stage, line.number, code, message, line.column))
 
     def _attempt(self, line: _Line, read: Callable[[str], T], expected: str = "") -> T | None:
         try:
