@@ -373,7 +373,7 @@ _A_HEADER = "a header such as x_m,y_m or lon,lat"
 
 def read_table(source: SourceText, metres: bool) -> Features:
     """A table of vertices as one outline: columns `x_m,y_m` or `lon,lat`. Raises InputError as `read_features`."""
-    rows = read_rows(source.name, source.body, None)
+    rows = read_rows(source.name, source.body)
     head = next(rows, None)
     if head is None:
         raise source.error((1, 1), "no vertices", f"{_A_HEADER}, and a row for each vertex")
