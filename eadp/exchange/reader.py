@@ -36,7 +36,6 @@ from eadp.exchange.items import (
     MissionItem,
     command_text,
 )
-from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
@@ -516,8 +515,6 @@ class _Missions:
         """A mission as a plan, and warnings; raises InputError."""
         chosen = _format_of(text)
         assert chosen is not None
-        if len(text.body) > LIMIT_CHARACTERS:
-            raise InputError.at(text.name, 1, 1, "is too large for a mission", f"at most {LIMIT_CHARACTERS} characters")
         source = SourceText(text)
         from eadp.exchange.mission_plan import MissionPlan
 

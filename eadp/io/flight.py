@@ -59,14 +59,6 @@ def losses_text(scenario: Scenario) -> str:
     return f"{rate:g} sudden losses of charge an hour, {100 * LOSS:.0f} % each" if rate else "no sudden loss of charge"
 
 
-def reserve_text(summary: Mapping[str, Any]) -> str:
-    """Whether the reserve was kept; a flight that does not complete keeps none."""
-    if summary["reserve_kept"]:
-        return "kept"
-    unspent = summary["soc_final"] >= summary["soc_reserve"]
-    return "not kept, as the flight did not complete" if unspent else "not kept"
-
-
 Account = list[tuple[str, str]]
 """Labels and texts."""
 
@@ -77,7 +69,7 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Accou
     done = "completed" if summary["completed"] else "NOT completed"
     km = f"{summary['distance_m'] / 1000:.2f} km"
     energy = f"{summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W"
-    kept = f"reserve of {100 * summary['soc_reserve']:g} % {reserve_text(summary)}"
+    kept = f"reserve of {100 * summary['soc_reserve']:g} % {'kept' if summary['reserve_kept'] else 'not kept'}"
     rows = [
         ("aircraft", setting_text(scenario)),
         *_expected(summary, scenario, plan),

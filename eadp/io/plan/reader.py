@@ -18,7 +18,7 @@ from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, difference, number_text, substituted, total
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M
-from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
+from eadp.errors import ExpressionError, Fault, PathUndefined, printable, refuse
 from eadp.io.plan.headers import (
     HEADERS,
     HELD,
@@ -44,8 +44,8 @@ _LIKE_DECIMALS = re.compile(r"\A[^,]*[0-9],[0-9]+,\s|,\s[^,]*[0-9],[0-9]+\s*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
-LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
-"""Longest plan, in characters and in stages: a survey has hundreds of stages."""
+LIMIT_STAGES = 10_000
+"""Most stages of a plan: a survey has hundreds."""
 
 STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
 
@@ -118,8 +118,6 @@ def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
     InputError
         With every fault of the file.
     """
-    if len(text.body) > LIMIT_CHARACTERS:
-        raise InputError.at(text.name, 1, 1, "is too large for a plan", f"at most {LIMIT_CHARACTERS} characters")
     return _Reader(text).plan()
 
 
