@@ -21,7 +21,7 @@ from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
 from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_document, scenario_of, value_text
-from eadp.io.text.streams import SourceText, Text, read_text
+from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
 from eadp.models.autopilot import Autopilot
@@ -92,9 +92,9 @@ class Files:
     def document(self, given: File | Mapping[str, Any] | None) -> Document:
         """A scenario's document: of its file, of its keys, or of the defaults."""
         if given is None:
-            return Document(SourceText(Text("scenario", "")), {})
+            return Document(Text("scenario", ""), {})
         if isinstance(given, Mapping):
-            return Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
+            return Document(Text("given-keys.yaml", ""), {"schema": SCHEMA, **plain(given)})
         return self.read(str(given), scenario_document)[1]
 
     def scenario(self, given: File | Mapping[str, Any] | None, overrides: Mapping[str, Any] | None = None) -> Scenario:

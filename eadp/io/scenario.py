@@ -22,7 +22,7 @@ from eadp.core.arrays import Altitude, Coordinate, Degrees, Duration, Latitude, 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, heading_rad, to_near_local_m
 from eadp.errors import Fault, InputError, one_of, printable, refuse
-from eadp.io.text.streams import SourceText, Text, read_text
+from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import (
     STRICT,
     Document,
@@ -366,7 +366,7 @@ def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) 
         With every fault that was found.
     """
     text = Text("scenario", "") if path is None else read_text(path)
-    return scenario_of(Document(SourceText(text), {}) if path is None else scenario_document(text), overrides)
+    return scenario_of(Document(text, {}) if path is None else scenario_document(text), overrides)
 
 
 def scenario_document(text: Text) -> Document:

@@ -30,7 +30,7 @@ from eadp.io.plan.headers import (
     read_number,
 )
 from eadp.io.plan.writer import parameters_of, point_text
-from eadp.io.text.streams import SourceText, Text
+from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace, Field
 from eadp.models.plan.plan import Finding, Plan, ShortForm, Site
 from eadp.models.plan.stage import ROTATIONS, Box, LoopVariable, PointExpression, Segment, Stage, Title
@@ -123,7 +123,7 @@ def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
 
 class _Reader:
     def __init__(self, text: Text) -> None:
-        self._source = SourceText(text)
+        self._source = text
         self._faults: list[Fault] = []
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []

@@ -22,7 +22,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
 from eadp.io.text.options import attribute_docstrings
-from eadp.io.text.streams import Location, SourceText, Text
+from eadp.io.text.streams import Location, Text
 
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50
@@ -44,7 +44,7 @@ _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)\Z|\.(nan|NaN|NAN)\Z")
 class Document:
     """A YAML document: its value, and the line and column (from 1) of every value by its path of keys."""
 
-    source: SourceText
+    source: Text
     value: Any = None
     places: dict[Path, Location] = field(default_factory=dict)
     overrides: dict[Path, str] = field(default_factory=dict)
@@ -75,18 +75,17 @@ def read_yaml(text: Text) -> Document:
         On anything YAML's core schema does not allow, and on aliases, anchors, tags, duplicate keys, keys that are
         not strings, NaN and infinities, more than 50 levels, and more than `LIMIT_CHARACTERS`.
     """
-    source = SourceText(text)
-    document = Document(source)
+    document = Document(text)
     if len(text.body) > LIMIT_CHARACTERS:
-        raise source.error((1, 1), "is too large for YAML", f"at most {LIMIT_CHARACTERS} characters")
+        raise text.error((1, 1), "is too large for YAML", f"at most {LIMIT_CHARACTERS} characters")
     try:
-        node = _Loader(source).get_single_node()
+        node = _Loader(text).get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         message = f"is not YAML: {printable(error.problem or 'cannot be read')}"
-        raise source.error(_location(mark), message) from None
+        raise text.error(_location(mark), message) from None
     except yaml.YAMLError as error:
-        raise source.error((1, 1), f"is not YAML: {printable(str(error).splitlines()[0])}") from None
+        raise text.error((1, 1), f"is not YAML: {printable(str(error).splitlines()[0])}") from None
     faults: list[Fault] = []
     if node is not None:
         document.value = _build(node, (), document, faults)
@@ -97,7 +96,7 @@ def read_yaml(text: Text) -> Document:
 class _Loader(yaml.SafeLoader):
     """Refuses references and tags, and leaves every plain scalar a string: the core schema is applied in `_scalar`."""
 
-    def __init__(self, source: SourceText) -> None:
+    def __init__(self, source: Text) -> None:
         super().__init__(source.body)
         self._source, self._depth = source, 0
 
