@@ -66,11 +66,10 @@ def command(
     if output.out is not None:
         check_new_folder(output.out, force=output.force)
     if job := job_in(plan):
-        names = ("scenario", "profile", "energy")
-        alone = {name: getattr(options, name) or None for name in names}
-        for name, value in {**alone, "figure": output.figure}.items():
-            if value is not None:
-                raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
+        alone = {**vars(options), "figure": output.figure}
+        for name in ("scenario", "profile", "energy", "figure"):
+            if alone[name]:
+                raise usage_fault(f"--{name}", alone[name], "beside a folder of sorties", "its scenario, or --set")
         from eadp.io.scenario import override_texts
 
         return _job(job, plan, override_texts(options.set_, options.planner), seed, output)

@@ -74,14 +74,7 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Accou
         ("aircraft", setting_text(scenario)),
         *_expected(summary, scenario, plan),
         ("", f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {km}"),
-        *(
-            (
-                "airspace",
-                f"{'beyond' if each['name'] == BOUNDARY else 'in'} {each['name']} from {each['entered_s']:.1f} s on, "
-                f"{each['inside_m']:.0f} m",
-            )
-            for each in summary["obstacles"]
-        ),
+        *(("airspace", _entry_text(each)) for each in summary["obstacles"]),
         ("energy", f"{energy}, from {power['min']:.2f} to {power['max']:.2f} W"),
         ("battery", f"{100 * summary['soc_final']:.1f} % of the charge at the end; {kept}"),
     ]
@@ -99,6 +92,12 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Accou
     replans = f"; re-planned {decisions} times" if decisions else ""
     rows.append(("planner", f"{summary['planner']}{replans}"))
     return [*rows, *([("solver", failures)] if (failures := solver_text(summary)) else [])]
+
+
+def _entry_text(entry: Mapping[str, Any]) -> str:
+    """An obstacle that a flight was in, or the boundary that it was beyond."""
+    where = "beyond" if entry["name"] == BOUNDARY else "in"
+    return f"{where} {entry['name']} from {entry['entered_s']:.1f} s on, {entry['inside_m']:.0f} m"
 
 
 def _slowed(expected: Mapping[str, Any]) -> Account:

@@ -386,28 +386,28 @@ class _Reader:
 
     def _field(self) -> Field | None:
         """The field: the outline of each part counter-clockwise, and its holes clockwise."""
-        rings = [(key == "field", line, ring) for key, line, ring in self._areas if key in ("field", "hole")]
-        if rings and not rings[0][0]:
-            self._fault(rings[0][1], "a hole of no field", "a header field before it")
-            return None
-        if not rings or not all(ring for _, _, ring in rings):
+        parts: list[list[tuple[_Line, tuple[Point, ...]]]] = []
+        for key, line, ring in self._areas:
+            if key == "field":
+                parts.append([])
+            elif key == "hole" and not parts:
+                self._fault(line, "a hole of no field", "a header field before it")
+                return None
+            if key in ("field", "hole"):
+                parts[-1].append((line, ring))
+        if not parts or not all(ring for part in parts for _, ring in part):
             return None
         from eadp.core.geometry.polygons import flaws, signed_area_m2
 
-        parts: list[list[tuple[Point, ...]]] = []
-        lines: list[list[_Line]] = []
-        for outer, line, ring in rings:
-            if outer:
-                parts.append([])
-                lines.append([])
-            parts[-1].append(ring if (signed_area_m2(ring) > 0) == outer else ring[::-1])
-            lines[-1].append(line)
-        for part, own in zip(parts, lines, strict=True):
-            for flaw in flaws(part[0], part[1:]):  # flown as well without
-                (x, y), line = flaw.point_m, own[flaw.ring]
+        outlines = []
+        for part in parts:
+            rings = [ring if (signed_area_m2(ring) > 0) == (i == 0) else ring[::-1] for i, (_, ring) in enumerate(part)]
+            for flaw in flaws(rings[0], rings[1:]):
+                (x, y), (line, _) = flaw.point_m, part[flaw.ring]
                 self._warn(line, "field", f"the field is left out: a ring {flaw.message} at ({x:g}, {y:g})")
                 return None
-        return Field((), **self._of("site.field")).with_parts(parts)
+            outlines.append(rings)
+        return Field((), **self._of("site.field")).with_parts(outlines)
 
     def _paths(self, path_count: int, taken: Collection[str], sets: Mapping[int, Box]) -> tuple[Title, ...]:
         """Names of the path parameters, and what they stand for."""
