@@ -15,13 +15,13 @@ from typing import Any, Literal
 import numpy as np
 
 from eadp.api.given import File, Overrides, Warn, python_warnings
-from eadp.api.inputs import FlightInputs, Source, load_flight
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.flight import flown_coverage, flown_of_plan
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.csv import write_rows
-from eadp.io.text.streams import new_folder
+from eadp.io.text.streams import Text, new_folder
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PATH
@@ -99,9 +99,7 @@ def summarise(
         "parameters": parameters,
         "quality": log.quality(settings.weights),
         "coverage": None,
-        "obstacles": [
-            {"name": each.name, "entered_s": each.entered_s, "inside_m": each.inside_m} for each in outcome.entries
-        ],
+        "obstacles": [each._asdict() for each in outcome.entries],
         "paper_metric": log.paper_metric(outcome.soc_final),
         "endurance": _endurance(world, outcome) if duration_s else None,
         "decisions": len(outcome.records),
@@ -351,7 +349,7 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
     return row
 
 
-def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequence[str]) -> None:
+def _copy_inputs(folder: Path, sources: Mapping[str, Text], overrides: Sequence[str]) -> None:
     """Copy inputs into a folder, each into one of its kind."""
     for kind, text in sources.items():
         copy = folder / kind / (Path(text.name).name if text.name != "<stdin>" else "stdin")

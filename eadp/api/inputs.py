@@ -21,7 +21,7 @@ from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
 from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_document, scenario_of, value_text
-from eadp.io.text.streams import SourceText, Text, read_text
+from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
 from eadp.models.autopilot import Autopilot
@@ -54,24 +54,6 @@ CORNERS_LIMIT = 6
 RETURN_HOME, IGNORE = "home", "ignore"
 
 Content = TypeVar("Content")
-
-
-@dataclass(frozen=True)
-class Given:
-    """An object that is given in place of a file; `write` gives the text of its file."""
-
-    content: Any
-    name: str
-    write: Callable[[Any], str]
-
-    @property
-    def body(self) -> str:
-        """Its text."""
-        return self.write(self.content)
-
-
-Source = Text | Given
-"""Where the content of an input comes from; its `name` stands in messages, its `body` is kept with results."""
 
 
 class Files:
@@ -110,19 +92,19 @@ class Files:
     def document(self, given: File | Mapping[str, Any] | None) -> Document:
         """A scenario's document: of its file, of its keys, or of the defaults."""
         if given is None:
-            return Document(SourceText(Text("scenario", "")), {})
+            return Document(Text("scenario", ""), {})
         if isinstance(given, Mapping):
-            return Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
+            return Document(Text("given-keys.yaml", ""), {"schema": SCHEMA, **plain(given)})
         return self.read(str(given), scenario_document)[1]
 
     def scenario(self, given: File | Mapping[str, Any] | None, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """A scenario with some keys overridden."""
         return scenario_of(self.document(given), overrides, self.text)
 
-    def profile(self, given: File | Profile) -> tuple[Source, Profile, list[Fault]]:
+    def profile(self, given: File | Profile) -> tuple[Text, Profile, list[Fault]]:
         """A profile, a model or of measurements, where it comes from, and warnings."""
         if not isinstance(given, str | PathLike):
-            return Given(given, "given-profile.yaml", profile_yaml), given, []
+            return Text("given-profile.yaml", profile_yaml(given)), given, []
         text, (profile, found) = self.read(str(given), parse_profile)
         return text, profile, found
 
@@ -135,7 +117,7 @@ class FlightInputs:
     mission: Mission
     scenario: Scenario
     warnings: tuple[Fault, ...]
-    sources: Mapping[str, Source]
+    sources: Mapping[str, Text]
     never_past: str = ""
     """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
 
@@ -202,9 +184,9 @@ def load_flight(
     files = files or Files()
     setting = files.scenario(scenario, overrides)
     plan_source, flown, warnings = _plan(files, plan, setting)
-    sources: dict[str, Source] = {"plan": plan_source}
+    sources: dict[str, Text] = {"plan": plan_source}
     if isinstance(scenario, Mapping):
-        sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
+        sources["scenario"] = Text("given-keys.yaml", value_text(setting.document.value))
     elif scenario is not None:
         sources["scenario"] = files.text(str(scenario))
     if setting.vehicle_text is not None:
@@ -222,7 +204,7 @@ def load_flight(
         load = f"a constant load of {computing.load_w:.2f} W at {at}, its highest"
         warnings.append(Fault(place, 1, 1, f"the plan has no parameter for it: {load}", severity="note"))
     if isinstance(energy, EnergyModel):
-        sources["energy"], model = Given(energy, "given-energy.yaml", energy_yaml), energy
+        sources["energy"], model = Text("given-energy.yaml", energy_yaml(energy)), energy
     elif energy is not None:
         sources["energy"], model = files.read(str(energy), parse_energy)
     parameters = _parameters_at_take_off(flown, setting)
@@ -248,14 +230,13 @@ def load_flight(
     return inputs if decides else inputs.at_one_airspeed()
 
 
-def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source, Plan, list[Fault]]:
+def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Text, Plan, list[Fault]]:
     """Where a plan or a mission comes from, the plan as it is flown, and warnings."""
     keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
-    text: Source
     findings: list[Finding] = []
     foreign = not isinstance(given, Plan) and is_mission(files.text(str(given)))
     if isinstance(given, Plan):
-        text, plan = Given(given, "given.plan", plan_text), given
+        text, plan = Text("given.plan", plan_text(given)), given
     else:
         reader = PlanReader.of(vehicle, keys.battery) if foreign else PlanReader()
         text, (plan, findings) = files.read(str(given), reader)
@@ -280,7 +261,7 @@ def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source,
     return text, plan, warnings
 
 
-def _named(plan: Plan, text: Source, profile: Profile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
+def _named(plan: Plan, text: Text, profile: Profile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
     """The plan as it is flown, its computations named as in the profile where they have no names, and its scenario."""
     columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
     if not plan.computations and len(plan.parameters) == plan.path_count + len(columns):
@@ -389,7 +370,7 @@ def _mission(world: World, energy: EnergyModel | None, overshot: Sequence[Oversh
     )
 
 
-def _check_aircraft(plan: Plan, text: Source, scenario: Scenario) -> None:
+def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:
     """The aircraft can fly, at the airspeeds of the stages, too, and faster than the wind."""
     vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speeds_mps[1]
     refuse([scenario.fault("vehicle.airframe", fault, "an aeroplane that can fly so") for fault in vehicle.faults()])
@@ -448,7 +429,7 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     return vehicle.cruise_altitude_m if first_m is None else first_m
 
 
-def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
+def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:
     """The plan's own sets, else the scenario's bounds."""
     if plan.has_sets:
         if scenario.bounds:
@@ -465,7 +446,7 @@ def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
     return plan
 
 
-def _computing(plan: Plan, text: Source, profile: Profile | None, place: str) -> Computing:
+def _computing(plan: Plan, text: Text, profile: Profile | None, place: str) -> Computing:
     """The computations of a plan, or the constant load of those that it does not decide."""
     try:
         return join_profile(plan, profile)
@@ -518,7 +499,7 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
 
 
 @lru_cache(KEPT_ROUTES)
-def _check_paths(plan: Plan, text: Source, parameters: Vector) -> None:
+def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
     """Every stage has a path and a trigger, at take-off and at every corner of the path parameters' sets."""
     rho = plan.path_count
     corners: list[Sequence[float]] = [parameters]
@@ -546,7 +527,7 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
         raise PathUndefined(f"the path of stage {stage.index} {error}") from None
 
 
-def _start(plan: Plan, text: Source, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
+def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
     """Position and heading at the start of the flight."""
     stage = plan.stages[0]
     start, heading = scenario.position_m("start", plan.site.origin_deg), scenario.keys.start.heading_rad

@@ -28,11 +28,6 @@ class CheckedPlan(NamedTuple):
     notes: Sequence[Fault] = ()
 
     @property
-    def report(self) -> CheckReport | None:
-        """What the check of the geometry found; None where it was not asked for."""
-        return self.reports[0] if self.reports else None
-
-    @property
     def has_errors(self) -> bool:
         """Whether a check found an error."""
         return any(report.has_errors for report in self.reports)
@@ -131,7 +126,9 @@ def _read(
 ) -> CheckedPlan:
     """A plan or a mission, changed by files, and what was found: also what is flown where it turns too tightly."""
     ground = plug_in("grounds", "files")(terrain) if terrain else None
-    reader = PlanReader(laps=laps, ground=ground).turning(min_radius_m)
+    reader = PlanReader(laps=laps, ground=ground)
+    if min_radius_m is not None:
+        reader = replace(reader, turn_radius_m=min_radius_m)
     plan, findings = reader(text)
     if is_mission(text):
         from eadp.simulation.nominal import calm_findings, is_tight  # slow to import

@@ -78,7 +78,6 @@ class Progress:
         self._every_s = every_s
         self._terminal = sys.stderr.isatty()
         self._due_s = time.monotonic() + (1.0 if self._terminal else every_s)
-        self._drawn = False
 
     def show(self, status: str) -> None:
         """Draw the line if it is time to."""
@@ -86,14 +85,13 @@ class Progress:
         if now_s < self._due_s:
             return
         self._due_s = now_s + (0.2 if self._terminal else self._every_s)
-        self._drawn = True
         line = escaped(f"{self._title}: {status}")
         sys.stderr.write(f"\r{line}\x1b[K" if self._terminal else f"{line}\n")
         sys.stderr.flush()
 
     def close(self) -> None:
         """Clear the line from a terminal."""
-        if self._drawn and self._terminal:
+        if self._terminal:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
 

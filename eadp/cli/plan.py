@@ -97,8 +97,7 @@ def command(
         raise usage_fault("--trace", f"{trace:g}", message, "metres, as in --trace 1")
     changes: dict[str, Any] = {name: getattr(options, name) for name in CHANGES}
     read = check_plan(file, min_radius_m=options.min_radius_m, **changes, geometry=options.check)
-    plan, lines = read.plan, read.faults
-    parameters = parameters_of(plan, options.set_)
+    plan, parameters = read.plan, parameters_of(read.plan, options.set_)
     try:
         if plot is not None:
             from eadp.io.figures.plan import write_plan_figure
@@ -107,23 +106,19 @@ def command(
         points = _trace_csv(plan, parameters, trace) if trace is not None else None
     except PathUndefined as error:
         raise InputError.at(read.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
-    if points is not None:
-        warn(lines)
-        emit(points)
-    elif options.printed == "json":
+    if points is None and options.printed == "json":
         emit_json(document(plan, read.findings, read.reports))
-    elif options.printed == "plan":
-        warn(lines)
-        emit(plan_text(plan))
-    elif options.printed in ("sympy", "latex"):
-        expressions = plug_in("plan_writers", options.printed)(plan, read.name)
-        warn(lines)
-        emit(expressions)
-    elif options.check:
+    elif points is None and options.printed == "text" and options.check:
         emit(_check_text(read))
     else:
-        warn(lines)
-        emit(_table(plan))
+        if points is not None:
+            text = points
+        elif options.printed in ("sympy", "latex"):
+            text = plug_in("plan_writers", options.printed)(plan, read.name)
+        else:
+            text = plan_text(plan) if options.printed == "plan" else _table(plan)
+        warn(read.faults)
+        emit(text)
     return 1 if read.has_errors else 0
 
 
@@ -133,14 +128,11 @@ def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     from eadp.models.plan.trace import TracePoint, trace
 
     origin = plan.site.origin_deg
-    header = ",".join([*TracePoint._fields, *(["lat_deg", "lon_deg"] if origin else [])])
-    lines = [header]
+    rows: list[Sequence[Any]] = [[*TracePoint._fields, *(["lat_deg", "lon_deg"] if origin else [])]]
     for point in trace(plan, parameters, step_m):
-        cells = [str(point.stage), point.kind, *(repr(value) for value in point[2:])]
-        if origin:
-            cells += [f"{value:.9f}" for value in to_geodetic_deg(point.x_m, point.y_m, origin)]
-        lines.append(",".join(cells))
-    return "\n".join(lines)
+        place = to_geodetic_deg(point.x_m, point.y_m, origin) if origin else ()
+        rows.append([*point, *(f"{value:.9f}" for value in place)])
+    return "\n".join(",".join(map(str, row)) for row in rows)
 
 
 def _check_text(checked: CheckedPlan) -> str:
@@ -173,12 +165,9 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
         "origin_deg": site.origin_deg,
         "findings": [_finding(item) for item in findings],
     }
-    if site.start_m is not None:
-        result["start_m"] = site.start_m
-    if site.field is not None:
-        result["field"] = site.field.summary
-    if site.camera is not None:
-        result["camera"] = site.camera._asdict()
+    known = {"start_m": site.start_m, "field": site.field and site.field.summary}
+    known["camera"] = site.camera and site.camera._asdict()
+    result |= {key: value for key, value in known.items() if value is not None}
     if plan.segments:
         result["segments"] = [
             {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.api.flight import REPORT, simulate
+from eadp.api.flight import simulate
 from eadp.api.given import FlightOptions, JobKind, job_in
 from eadp.cli.output import Progress, alarm, emit, emit_json, usage_fault, warn
 from eadp.errors import one_of
@@ -66,11 +66,10 @@ def command(
     if output.out is not None:
         check_new_folder(output.out, force=output.force)
     if job := job_in(plan):
-        names = ("scenario", "profile", "energy")
-        alone = {name: getattr(options, name) or None for name in names}
-        for name, value in {**alone, "figure": output.figure}.items():
-            if value is not None:
-                raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
+        alone = {**vars(options), "figure": output.figure}
+        for name in ("scenario", "profile", "energy", "figure"):
+            if alone[name]:
+                raise usage_fault(f"--{name}", alone[name], "beside a folder of sorties", "its scenario, or --set")
         from eadp.io.scenario import override_texts
 
         return _job(job, plan, override_texts(options.set_, options.planner), seed, output)
@@ -136,8 +135,5 @@ def _text(flight: Flight, output: SimulateOutputs) -> str:
 
     rows = account(flight.summary, flight.inputs.scenario, flight.inputs.world.plan)
     if output.out is not None:
-        decided = "decisions.jsonl, " if flight.decisions else ""
-        names = [f"{kind}.{ending}" for kind in ("flight", output.figure) if kind for ending in ("svg", "png")]
-        written = ", ".join([*names, REPORT])
-        rows.append(("written", f"{output.out}/flight.csv, estimate.csv, summary.json, {decided}{written}"))
+        rows.append(("written", output.out))
     return "\n".join(f"{label:<10} {text}" if label else text for label, text in rows)

@@ -22,7 +22,7 @@ from eadp.exchange.items import MOTIONLESS, DraftItem, MissionDraft, command_tex
 from eadp.exchange.waypoints import ON_CIRCLE_M, Loiter, Target, Waypoint, WaypointPath, path_through
 from eadp.io.plan.reader import LIMIT_STAGES
 from eadp.io.plan.sources import PlanReader
-from eadp.io.text.streams import Location, SourceText
+from eadp.io.text.streams import Location, Text
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.plan.pieces import LOITER, TRIGGER_RADIUS_M, piece_path
 from eadp.models.plan.plan import Finding, Plan, Site
@@ -139,7 +139,7 @@ def _without_place(item: DraftItem) -> tuple[float, ...]:
 class MissionPlan:
     """The plan of a draft, for an aircraft with the turns and speeds of a reader; faults and findings by the way."""
 
-    source: SourceText
+    source: Text
     draft: MissionDraft
     motion: PlanReader
     faults: list[Fault] = field(default_factory=list)

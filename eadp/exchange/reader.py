@@ -36,11 +36,10 @@ from eadp.exchange.items import (
     MissionItem,
     command_text,
 )
-from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
-from eadp.io.text.streams import HEAD, Location, SourceText, Text, refuse_others
+from eadp.io.text.streams import HEAD, Location, Text, refuse_others
 from eadp.models.plan.plan import Finding, Plan
 from eadp.plug_ins import plug_ins
 
@@ -66,7 +65,7 @@ _KINDS = {str: "a string", float: "a number", JsonObject: "an object", JsonList:
 class _Value:
     """A value of the file, with its location and its path in the JSON."""
 
-    source: SourceText
+    source: Text
     value: Any
     offset: int
     path: str
@@ -130,7 +129,7 @@ def is_qgc(head: str) -> bool:
     return head.startswith("{") and '"fileType"' in head
 
 
-def read_qgc(source: SourceText) -> MissionDraft:
+def read_qgc(source: Text) -> MissionDraft:
     """Read the mission of a plan and its fences; places to rally are left out.
 
     Raises
@@ -158,12 +157,12 @@ def read_qgc(source: SourceText) -> MissionDraft:
     return draft
 
 
-def qgc_fences(source: SourceText) -> list[Fence]:
+def qgc_fences(source: Text) -> list[Fence]:
     """The fences of a plan alone; raises InputError."""
     return _fences_of(_root(source))
 
 
-def _root(source: SourceText) -> _Value:
+def _root(source: Text) -> _Value:
     root = _Value(source, JsonReader(source).document(), len(source.body) - len(source.body.lstrip()), "")
     return root.is_(JsonObject)
 
@@ -361,7 +360,7 @@ POLYGONS, CIRCLES = {5001: True, 5002: False}, {5003: True, 5004: False}
 """Commands of the corners of a fence and of a round one, and whether it is kept in."""
 
 
-def read_wpl(source: SourceText) -> MissionDraft:
+def read_wpl(source: Text) -> MissionDraft:
     """Read a mission: row 0 is home. Fences may be among its rows; places to rally are left out.
 
     Raises
@@ -388,7 +387,7 @@ def read_wpl(source: SourceText) -> MissionDraft:
     return draft
 
 
-def mission_fences(source: SourceText) -> list[Fence] | None:
+def mission_fences(source: Text) -> list[Fence] | None:
     """The fences of a mission, or of a file of fences alone; None of another text. Raises InputError."""
     head = source.body.lstrip()[:HEAD]
     if is_qgc(head):
@@ -400,7 +399,7 @@ def _is_fence(item: DraftItem) -> bool:
     return item.command in POLYGONS or item.command in CIRCLES or item.command in (FENCE_RETURN, RALLY)
 
 
-def _fences(source: SourceText, rows: Sequence[DraftItem]) -> list[Fence]:
+def _fences(source: Text, rows: Sequence[DraftItem]) -> list[Fence]:
     """The fences among rows; the first row of a polygon says how many its corners are."""
     found: list[Fence] = []
     left, corners_of = 0, 0
@@ -429,7 +428,7 @@ def _fences(source: SourceText, rows: Sequence[DraftItem]) -> list[Fence]:
     return found
 
 
-def _rows(source: SourceText) -> list[DraftItem]:
+def _rows(source: Text) -> list[DraftItem]:
     """The rows, numbered in their order as autopilots do, whatever their index."""
     rows = read_rows(source.name, source.body, "")
     head = next(rows)
@@ -502,7 +501,7 @@ class MissionFormat:
 
     name: str
     recognise: Callable[[str], bool]
-    read: Callable[[SourceText], MissionDraft]
+    read: Callable[[Text], MissionDraft]
 
 
 FORMATS = (
@@ -525,12 +524,9 @@ class _Missions:
         """A mission as a plan, and warnings; raises InputError."""
         chosen = _format_of(text)
         assert chosen is not None
-        if len(text.body) > LIMIT_CHARACTERS:
-            raise InputError.at(text.name, 1, 1, "is too large for a mission", f"at most {LIMIT_CHARACTERS} characters")
-        source = SourceText(text)
         from eadp.exchange.mission_plan import MissionPlan
 
-        return MissionPlan(source, chosen.read(source), reader).plan()
+        return MissionPlan(text, chosen.read(text), reader).plan()
 
 
 MISSION = _Missions()

@@ -58,14 +58,6 @@ def losses_text(scenario: Scenario) -> str:
     return f"{rate:g} sudden losses of charge an hour, {100 * LOSS:.0f} % each" if rate else "no sudden loss of charge"
 
 
-def reserve_text(summary: Mapping[str, Any]) -> str:
-    """Whether the reserve was kept; a flight that does not complete keeps none."""
-    if summary["reserve_kept"]:
-        return "kept"
-    unspent = summary["soc_final"] >= summary["soc_reserve"]
-    return "not kept, as the flight did not complete" if unspent else "not kept"
-
-
 Account = list[tuple[str, str]]
 """Labels and texts."""
 
@@ -76,19 +68,12 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Accou
     done = "completed" if summary["completed"] else "NOT completed"
     km = f"{summary['distance_m'] / 1000:.2f} km"
     energy = f"{summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W"
-    kept = f"reserve of {100 * summary['soc_reserve']:g} % {reserve_text(summary)}"
+    kept = f"reserve of {100 * summary['soc_reserve']:g} % {'kept' if summary['reserve_kept'] else 'not kept'}"
     rows = [
         ("aircraft", setting_text(scenario)),
         *_expected(summary, scenario, plan),
         ("", f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {km}"),
-        *(
-            (
-                "airspace",
-                f"{'beyond' if each['name'] == BOUNDARY else 'in'} {each['name']} from {each['entered_s']:.1f} s on, "
-                f"{each['inside_m']:.0f} m",
-            )
-            for each in summary["obstacles"]
-        ),
+        *(("airspace", _entry_text(each)) for each in summary["obstacles"]),
         ("energy", f"{energy}, from {power['min']:.2f} to {power['max']:.2f} W"),
         ("battery", f"{100 * summary['soc_final']:.1f} % of the charge at the end; {kept}"),
     ]
@@ -106,6 +91,12 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Accou
     replans = f"; re-planned {decisions} times" if decisions else ""
     rows.append(("planner", f"{summary['planner']}{replans}"))
     return [*rows, *([("solver", failures)] if (failures := solver_text(summary)) else [])]
+
+
+def _entry_text(entry: Mapping[str, Any]) -> str:
+    """An obstacle that a flight was in, or the boundary that it was beyond."""
+    where = "beyond" if entry["name"] == BOUNDARY else "in"
+    return f"{where} {entry['name']} from {entry['entered_s']:.1f} s on, {entry['inside_m']:.0f} m"
 
 
 def _slowed(expected: Mapping[str, Any]) -> Account:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from eadp.core.geometry.geodesy import heading_rad, to_near_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.text.json import JsonObject, JsonReader
-from eadp.io.text.streams import SourceText, Text
+from eadp.io.text.streams import Text
 from eadp.live.flight import Advice
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery
@@ -218,7 +218,7 @@ class TelemetryReader:
         if not text.strip():
             raise self._error("the line is blank", "a JSON object")
         try:
-            value = JsonReader(SourceText(Text(self._name, text)), not_finite=True).document()
+            value = JsonReader(Text(self._name, text), not_finite=True).document()
         except InputError as error:
             fault = error.faults[0]
             # the JSON reader takes its text for a file

@@ -328,7 +328,7 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
         raise InputError.at("--instance", 1, 1, "a table has no batteries", "none of it", str(columns.instance))
     _check_ways(columns)
     text, columns, notes = _recording(text, columns)
-    rows = read_rows(text.name, text.body, None)
+    rows = read_rows(text.name, text.body)
     first = next(rows, None)
     if first is None:
         raise InputError.at(text.name, 1, 1, "no readings", f"a header such as {_EXAMPLE}, and a row for each")
@@ -361,7 +361,7 @@ def _check_ways(columns: Columns) -> None:
 
 def _recording(text: Text, columns: Columns) -> tuple[Text, Columns, list[Fault]]:
     """What a program recorded of a computer, with a column of its power; a log with a known power as it is."""
-    first = next(read_rows(text.name, text.body, None), None)
+    first = next(read_rows(text.name, text.body), None)
     factors = columns.factors or columns.voltage or columns.current
     known = first and (_named(first, "power") or (_named(first, "voltage") and _named(first, "current")))
     found = None if factors or (known and not columns.power) else read_recording(text, columns.power)

@@ -264,7 +264,7 @@ def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()
         Where columns look like a power and it is not known which make that of the board, or in which unit.
     """
     table = _as_table(text)
-    rows = read_rows(table.name, table.body, None)
+    rows = read_rows(table.name, table.body)
     top = list(islice(rows, 2))
     header = top[0] if top else None
     if header is None:

@@ -17,7 +17,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
-from eadp.io.text.streams import HEAD, Location, SourceText
+from eadp.io.text.streams import HEAD, Location, Text
 
 VERTICES_LIMIT = 20_000
 """Most vertices of a polygon, those of its holes among them."""
@@ -92,7 +92,7 @@ class Features:
     degrees: bool
     remedy: str = ""
 
-    def areas(self, source: SourceText) -> list[Feature]:
+    def areas(self, source: Text) -> list[Feature]:
         """The features with polygons; where there are none, those with closed lines. Raises InputError without any."""
         found = [each for each in self.features if each.polygons] or [
             closed for each in self.features if (closed := each.as_polygons).polygons
@@ -114,7 +114,7 @@ def counted(count: int, one: str, several: str) -> str:
     return f"1 {one}" if count == 1 else f"{count} {several}"
 
 
-def read_features(source: SourceText, *, metres: bool) -> Features:
+def read_features(source: Text, *, metres: bool) -> Features:
     """The features of a text; with `metres` it is in metres, whatever it states.
 
     Raises
@@ -166,7 +166,7 @@ _IN_METRES = re.compile(r"\s*(?:m|met(?:re|er)s?)(?![\w/^*·])", re.IGNORECASE)
 class _GeoJson:
     """A reader of a text of GeoJSON."""
 
-    source: SourceText
+    source: Text
     metres: bool
     units: list[str] = field(default_factory=list)
     """The `units` of all objects."""
@@ -286,7 +286,7 @@ _LINE = "line"
 """Attribute that has the line of an element."""
 
 
-def read_kml(source: SourceText, metres: bool) -> Features:
+def read_kml(source: Text, metres: bool) -> Features:
     """The Placemarks of KML, and polygons without one. Raises InputError as `read_features`."""
     if metres:
         raise InputError.at("--metres", 1, 1, "a KML file is in degrees (WGS-84)", "KML without --metres")
@@ -298,7 +298,7 @@ def read_kml(source: SourceText, metres: bool) -> Features:
     return Features(found, degrees=True)
 
 
-def _tree(source: SourceText) -> Element:
+def _tree(source: Text) -> Element:
     """The elements of XML by their local names, each with its line."""
     builder, parser = TreeBuilder(), xml.parsers.expat.ParserCreate()
 
@@ -321,7 +321,7 @@ def _tree(source: SourceText) -> Element:
     return builder.close()
 
 
-def _placemark(holder: Element, source: SourceText) -> Feature:
+def _placemark(holder: Element, source: Text) -> Feature:
     """The feature of a Placemark, or of a Polygon alone."""
     location = int(holder.attrib[_LINE]), 1
     names = [name for name in ((holder.findtext("name") or "").strip(), holder.get("id", "")) if name]
@@ -345,7 +345,7 @@ def _placemark(holder: Element, source: SourceText) -> Feature:
     return Feature(location, [*dict.fromkeys(names)], polygons, lines, height_m)
 
 
-def _coordinates(element: Element, source: SourceText) -> Line:
+def _coordinates(element: Element, source: Text) -> Line:
     """The vertices of an element: tuples separated by blanks, each `longitude,latitude[,altitude]`."""
     location, found = (int(element.attrib[_LINE]), 1), list[Point]()
     if len(element):
@@ -371,9 +371,9 @@ _ROLES = {name: role for role, names in _COLUMNS.items() for name in names}
 _A_HEADER = "a header such as x_m,y_m or lon,lat"
 
 
-def read_table(source: SourceText, metres: bool) -> Features:
+def read_table(source: Text, metres: bool) -> Features:
     """A table of vertices as one outline: columns `x_m,y_m` or `lon,lat`. Raises InputError as `read_features`."""
-    rows = read_rows(source.name, source.body, None)
+    rows = read_rows(source.name, source.body)
     head = next(rows, None)
     if head is None:
         raise source.error((1, 1), "no vertices", f"{_A_HEADER}, and a row for each vertex")

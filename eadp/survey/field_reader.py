@@ -20,7 +20,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.plan.writer import parameters_of
-from eadp.io.text.streams import LIMIT_BYTES, Location, SourceText, Text, read_text
+from eadp.io.text.streams import LIMIT_BYTES, Location, Text, read_text
 from eadp.models.airspace import Airspace, Field, Obstacle
 from eadp.models.plan.plan import Plan
 from eadp.plug_ins import plug_ins
@@ -65,7 +65,7 @@ class _Outlines:
     What is smaller than `smallest_m2` is left out; holes without an area are collected in `thin`.
     """
 
-    source: SourceText
+    source: Text
     smallest_m2: float
     origin_deg: Point | None = None
     counts: Counter[str] = field(default_factory=Counter)
@@ -166,15 +166,14 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     """
     from eadp.core.geometry.polygons import ground_m2, joined, near
 
-    source = SourceText(text)
-    if _fences(source) is not None:
+    if _fences(text) is not None:
         expected = "a field; the fences of a mission belong to --inside FILE and --avoid FILE"
-        raise source.error((1, 1), "is a mission or a fence, not a field", expected)
-    found = read_features(source, metres=metres)
-    areas = found.areas(source)
-    chosen = _chosen([each for each in areas if not each.avoided] or areas, feature, source)
-    local, origin_deg = _in_metres([(rings, each) for each in chosen for rings in each.polygons], found, source)
-    outlines = _Outlines(source, SMALLEST_M2, origin_deg)
+        raise text.error((1, 1), "is a mission or a fence, not a field", expected)
+    found = read_features(text, metres=metres)
+    areas = found.areas(text)
+    chosen = _chosen([each for each in areas if not each.avoided] or areas, feature, text)
+    local, origin_deg = _in_metres([(rings, each) for each in chosen for rings in each.polygons], found, text)
+    outlines = _Outlines(text, SMALLEST_M2, origin_deg)
     parts = [part for rings, of in local for part in outlines.parts(rings, of)]
     notes = outlines.notes()
     if len(parts) > 1 and (union := joined(parts, SMALLEST_M2)) is not None:
@@ -182,15 +181,15 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
         notes.append("polygons that overlap joined: ground counts once")
     if sum(ground_m2(*part) for part in parts) < SMALLEST_M2:
         expected = _or(f"{SMALLEST_M2:g} m² or more", found.remedy)
-        raise source.error(chosen[0].location, f"an area of less than {SMALLEST_M2:g} m²", expected)
+        raise text.error(chosen[0].location, f"an area of less than {SMALLEST_M2:g} m²", expected)
     vertices = max(len(ring) for part in parts for ring in part)
     if vertices > RING_LIMIT:
         what = f"a ring of {vertices} vertices to be right within {COARSE_M:g} m"
-        raise source.error(chosen[0].location, what, f"at most {RING_LIMIT}")
+        raise text.error(chosen[0].location, what, f"at most {RING_LIMIT}")
     frame = _Frame(origin_deg, _middle(parts[0][0]))
     taken = [id(each.names) for each in chosen]  # of closed lines, which stand twice, too
     avoided = [each for each in found.features if each.avoided and id(each.names) not in taken]
-    obstacles = _obstacles(avoided, frame, found.degrees, source, notes)
+    obstacles = _obstacles(avoided, frame, found.degrees, text, notes)
     thin = tuple(Obstacle(outline, "hole") for ring in outlines.thin for outline, *_ in near(ring, THIN_M))
     if thin:
         holes = counted(len(outlines.thin), "obstacle", "obstacles")
@@ -206,7 +205,7 @@ NAMES_SHOWN = 10
 """Most names that a message lists."""
 
 
-def _chosen(features: Sequence[Feature], asked: str | None, source: SourceText) -> list[Feature]:
+def _chosen(features: Sequence[Feature], asked: str | None, source: Text) -> list[Feature]:
     """The feature that was asked for, by a name, by its number from 1, or the only one.
 
     Raises
@@ -237,7 +236,7 @@ def _chosen(features: Sequence[Feature], asked: str | None, source: SourceText) 
 
 
 def _in_metres(
-    polygons: list[tuple[list[Line], Feature]], found: Features, source: SourceText
+    polygons: list[tuple[list[Line], Feature]], found: Features, source: Text
 ) -> tuple[list[tuple[list[Line], Feature]], Point | None]:
     """Polygons in metres, checked; of those in degrees also the place of their origin [°], the middle of the first."""
     polygons = [(rings, of) for rings, of in polygons if rings[0]]
@@ -308,7 +307,7 @@ class _Frame(NamedTuple):
         x, y = self.middle_m
         return tuple((x + i * ZONES_M, y + j * ZONES_M) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
 
-    def near(self, ring: Line, of: Feature, source: SourceText) -> Line | None:
+    def near(self, ring: Line, of: Feature, source: Text) -> Line | None:
         """The corners of an outline in the metres of the field; None where all are far away to one side."""
         corners = ring
         if self.origin_deg is not None:
@@ -327,7 +326,7 @@ class _Frame(NamedTuple):
             ]
         return corners if self.is_near(corners) else None
 
-    def near_if_swapped(self, ring: Line, of: Feature, source: SourceText) -> bool:
+    def near_if_swapped(self, ring: Line, of: Feature, source: Text) -> bool:
         """Whether an outline that is far is near with its longitudes and latitudes swapped."""
         if self.origin_deg is None or any(abs(x) > 90 for x, _ in ring):
             return False
@@ -359,15 +358,15 @@ def read_airspace(
     for text, within in ((avoid, False), (inside, True)):
         if text is None:
             continue
-        source, said = SourceText(text), list[str]()
-        found, bounds = _zones(source, within=within, metres=metres)
+        said: list[str] = []
+        found, bounds = _zones(text, within=within, metres=metres)
         own = [each for each in found.features if each.avoided and each not in bounds] if within else []
         holes = (hole for each in bounds for _, *inner in each.polygons for hole in inner)
         own += [Feature(bounds[0].location, ("hole",), [[hole]]) for hole in holes] if within else []
-        zones = _obstacles(bounds, frame, found.degrees, source, said, inside=within)
+        zones = _obstacles(bounds, frame, found.degrees, text, said, inside=within)
         (boundary if within else obstacles).extend(zones)
-        obstacles += _obstacles(own, frame, found.degrees, source, said)
-        notes += [Fault(source.name, 1, 1, note, severity="note") for note in said]
+        obstacles += _obstacles(own, frame, found.degrees, text, said)
+        notes += [Fault(text.name, 1, 1, note, severity="note") for note in said]
     return Airspace(tuple(obstacles), tuple(each.outline for each in boundary)), notes
 
 
@@ -375,13 +374,13 @@ Fences = Sequence[tuple[bool, Sequence[Point], Location]]
 """Whether to keep in or out of each, its corners as latitude and longitude [°], and where it stands in its file."""
 
 
-def _fences(source: SourceText) -> Fences | None:
+def _fences(source: Text) -> Fences | None:
     """The fences of a mission; None where a text is none."""
     found: Iterator[Fences | None] = (read(source) for read in plug_ins("fences"))
     return next((each for each in found if each is not None), None)
 
 
-def _zones(source: SourceText, *, within: bool, metres: bool) -> tuple[Features, list[Feature]]:
+def _zones(source: Text, *, within: bool, metres: bool) -> tuple[Features, list[Feature]]:
     """All features of a file, and those that are zones to keep out of, or to stay `within`."""
     fences = _fences(source)
     if fences is None:
@@ -410,7 +409,7 @@ def _obstacles(
     features: Sequence[Feature],
     frame: _Frame,
     degrees: bool,
-    source: SourceText,
+    source: Text,
     notes: list[str],
     *,
     inside: bool = False,
@@ -480,7 +479,7 @@ def _parts_of(
         return [list(part) for part in made_valid(_tidied(corners))]
 
 
-def _check_thin(ring: Line, of: Feature, frame: _Frame, source: SourceText) -> None:
+def _check_thin(ring: Line, of: Feature, frame: _Frame, source: Text) -> None:
     """Refuse an outline in metres whose numbers may be degrees."""
     west, east, south, north = _extent(ring)
     if frame.origin_deg is None and 0 < max(east - west, north - south) < 1:

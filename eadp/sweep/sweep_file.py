@@ -24,7 +24,7 @@ from eadp.io.energy import parse_energy
 from eadp.io.plan.sources import PlanReader
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
-from eadp.io.text.streams import SourceText, Text
+from eadp.io.text.streams import Text
 from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.plug_ins import code_identity
@@ -294,7 +294,7 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
     if isinstance(given, Text):
         document = read_yaml(given)
     else:
-        document = Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
+        document = Document(Text("given-keys.yaml", ""), {"schema": SCHEMA, **plain(given)})
     if not isinstance(document.value, dict):
         raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
     keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))

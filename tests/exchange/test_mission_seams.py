@@ -12,7 +12,7 @@ from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.exchange.reader import mission_fences
 from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import SourceText, read_text
+from eadp.io.text.streams import read_text
 
 LIMITS = {
     "field": "x_m,y_m\n0,0\n600,0\n600,400\n0,400\n",
@@ -201,7 +201,7 @@ def test_fences_go_out_and_come_in(eadp, covered, tmp_path):
     rows = tmp_path / "m.waypoints"
     answer = eadp("export", covered, "--to", "ardupilot", "--origin", "55.37,10.43", "-o", rows)
     assert f"ArduPilot's fence, {rows}.fence.waypoints" in answer.err
-    fence = mission_fences(SourceText(read_text(f"{rows}.fence.waypoints")))
+    fence = mission_fences(read_text(f"{rows}.fence.waypoints"))
     assert [(each.inclusion, len(each.corners_deg)) for each in fence] == [(False, 4), (True, 4)]
     circle = {"circle": {"center": [55.37, 10.43], "radius": 40}, "inclusion": False, "version": 1}
     document = json.loads(mission.read_text())

@@ -24,6 +24,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
 _HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
 NO_HEIGHT = "none"
+_CORNERS = "0,0 100,0 100,50"
 _MADE_FOR = re.compile(r"(.*?) ?airspeed (\S+) wind (\S+?),? (\S+)\Z")
 _CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
 
@@ -182,29 +183,23 @@ def _camera(text: str) -> SurveyCamera:
 
 
 def _ring(text: str) -> tuple[Point, ...]:
-    """The corners of a part of the field, or of a hole in it."""
-    corners = [_floats(part) for part in text.split(",")]
+    """The corners of a part of the field, or of a hole in it: `x y, x y, …`."""
+    return _polygon(text.split(","), "0 0, 100 0, 100 50")
+
+
+def _polygon(texts: Sequence[str], form: str) -> tuple[Point, ...]:
+    corners = [_floats(text) for text in texts]
     if len(corners) < 3 or not all(len(each) == 2 and max(map(abs, each)) <= LARGEST for each in corners):
-        raise ExpressionError(0, "no corners of an area", "three or more in metres, like 0 0, 100 0, 100 50")
+        raise ExpressionError(0, "no corners of an area", f"three or more in metres, like {form}")
     return tuple((x, y) for x, y in corners)
-
-
-def _area(text: str, named: str = "") -> tuple[str, tuple[Point, ...]]:
-    """What stands before the corners of an area, as x,y x,y …, and these."""
-    words = text.split()
-    # from the last word that is no corner on: a name may have commas, too
-    first = next((i for i in range(len(words), 0, -1) if not _CORNER.match(words[i - 1])), 0)
-    corners = [_floats(word) for word in words[first:]]
-    ring = tuple((x, y) for x, y in corners if max(abs(x), abs(y)) <= LARGEST)
-    if len(ring) < 3 or len(ring) < len(corners) or (first and not named):
-        expected = f"three or more in metres, like 0,0 100,0 100,50{named}"
-        raise ExpressionError(0, "no corners of an area", expected)
-    return " ".join(words[:first]), ring
 
 
 def _obstacle(text: str) -> Obstacle:
     """`NAME height H x,y x,y …`, name and height left out or not."""
-    label, ring = _area(text, " after a name")
+    words = text.split()
+    # the corners are behind the last word that is none: a name may have commas, too
+    first = next((i for i in range(len(words), 0, -1) if not _CORNER.match(words[i - 1])), 0)
+    label, ring = " ".join(words[:first]), _polygon(words[first:], _CORNERS)
     height = _HEIGHT.search(label)
     expected = "a height above the origin, from 0 to 1e5 m"
     height_m = None
@@ -308,7 +303,7 @@ HEADERS: dict[str, Header] = dict(
         _metres("home-altitude", "site.home_altitude_m", _HEIGHT_M),
         _metres("clearance", "site.clearance_m", ("metres from 0 to 1e5", lambda v: 0 <= v <= 1e5), CLEARANCE_M),
         ("avoid", Header(_obstacle, _obstacle_lines)),
-        ("inside", Header(lambda text: _area(text)[1], _boundary_lines)),
+        ("inside", Header(lambda text: _polygon(text.split(), _CORNERS), _boundary_lines)),
         _one("made-for", "site.made_for", _made_for, _made_for_text),
         _one("camera", "site.camera", _camera, _camera_text),
         _metres("ground", "site.ground_m", _ABOVE_SEA),

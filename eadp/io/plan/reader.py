@@ -18,7 +18,7 @@ from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, difference, number_text, substituted, total
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M
-from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
+from eadp.errors import ExpressionError, Fault, PathUndefined, printable, refuse
 from eadp.io.plan.headers import (
     HEADERS,
     HELD,
@@ -30,7 +30,7 @@ from eadp.io.plan.headers import (
     read_number,
 )
 from eadp.io.plan.writer import parameters_of, point_text
-from eadp.io.text.streams import SourceText, Text
+from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace, Field
 from eadp.models.plan.plan import Finding, Plan, ShortForm, Site
 from eadp.models.plan.stage import ROTATIONS, Box, LoopVariable, PointExpression, Segment, Stage, Title
@@ -44,8 +44,8 @@ _LIKE_DECIMALS = re.compile(r"\A[^,]*[0-9],[0-9]+,\s|,\s[^,]*[0-9],[0-9]+\s*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
-LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
-"""Longest plan, in characters and in stages: a survey has hundreds of stages."""
+LIMIT_STAGES = 10_000
+"""Most stages of a plan: a survey has hundreds."""
 
 STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
 
@@ -118,14 +118,12 @@ def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
     InputError
         With every fault of the file.
     """
-    if len(text.body) > LIMIT_CHARACTERS:
-        raise InputError.at(text.name, 1, 1, "is too large for a plan", f"at most {LIMIT_CHARACTERS} characters")
     return _Reader(text).plan()
 
 
 class _Reader:
     def __init__(self, text: Text) -> None:
-        self._source = SourceText(text)
+        self._source = text
         self._faults: list[Fault] = []
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []
@@ -284,7 +282,7 @@ class _Reader:
             draft.radius_m = self._number(radius, *RADIUS)
             if _LIKE_DECIMALS.search(line.text):
                 message = f"a trigger with a radius of {printable(radius.text.strip(), 40)} m, or a decimal comma"
-                self._findings.append(Finding("warning", len(self._drafts), line.number, "comma", message, line.column))
+                self._warn(line, "comma", message, len(self._drafts))
         draft.trigger = self._point(line.part(0, end), f"the trigger of stage {len(self._drafts)}, like -115, 146")
 
     def _read_set(self, line: _Line) -> None:
@@ -362,8 +360,7 @@ class _Reader:
                 self._commands.append(value)
         elif key not in HEADERS:
             known = ", ".join((*HEADERS, *STAGE_HEADERS))
-            message = f"unknown header {printable(key, 40)}; expected one of {known}"
-            self._findings.append(Finding("warning", None, line.number, "unknown-header", message, line.column))
+            self._warn(line, "unknown-header", f"unknown header {printable(key, 40)}; expected one of {known}")
         else:
             header = HEADERS[key]
             value = self._attempt(own, header.read) if header.read else None
@@ -389,29 +386,28 @@ class _Reader:
 
     def _field(self) -> Field | None:
         """The field: the outline of each part counter-clockwise, and its holes clockwise."""
-        rings = [(key == "field", line, ring) for key, line, ring in self._areas if key in ("field", "hole")]
-        if rings and not rings[0][0]:
-            self._fault(rings[0][1], "a hole of no field", "a header field before it")
-            return None
-        if not rings or not all(ring for _, _, ring in rings):
+        parts: list[list[tuple[_Line, tuple[Point, ...]]]] = []
+        for key, line, ring in self._areas:
+            if key == "field":
+                parts.append([])
+            elif key == "hole" and not parts:
+                self._fault(line, "a hole of no field", "a header field before it")
+                return None
+            if key in ("field", "hole"):
+                parts[-1].append((line, ring))
+        if not parts or not all(ring for part in parts for _, ring in part):
             return None
         from eadp.core.geometry.polygons import flaw, signed_area_m2
 
-        parts: list[list[tuple[Point, ...]]] = []
-        lines: list[list[_Line]] = []
-        for outer, line, ring in rings:
-            if outer:
-                parts.append([])
-                lines.append([])
-            parts[-1].append(ring if (signed_area_m2(ring) > 0) == outer else ring[::-1])
-            lines[-1].append(line)
-        for part, own in zip(parts, lines, strict=True):
-            if defect := flaw(part[0], part[1:]):  # flown as well without
-                (x, y), line = defect.point_m, own[defect.ring]
-                message = f"the field is left out: a ring {defect.message} at ({x:g}, {y:g})"
-                self._findings.append(Finding("warning", None, line.number, "field", message, line.column))
+        outlines = []
+        for part in parts:
+            rings = [ring if (signed_area_m2(ring) > 0) == (i == 0) else ring[::-1] for i, (_, ring) in enumerate(part)]
+            if defect := flaw(rings[0], rings[1:]):  # flown as well without
+                (x, y), (line, _) = defect.point_m, part[defect.ring]
+                self._warn(line, "field", f"the field is left out: a ring {defect.message} at ({x:g}, {y:g})")
                 return None
-        return Field((), **self._of("site.field")).with_parts(parts)
+            outlines.append(rings)
+        return Field((), **self._of("site.field")).with_parts(outlines)
 
     def _paths(self, path_count: int, taken: Collection[str], sets: Mapping[int, Box]) -> tuple[Title, ...]:
         """Names of the path parameters, and what they stand for."""
@@ -566,7 +562,7 @@ class _Reader:
             f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "
             f"({point_text(plan.shift)}), nor its opposite"
         )
-        self._findings.append(Finding("warning", None, self._header_shift_line.number, "header-shift", message))
+        self._warn(self._header_shift_line, "header-shift", message)
 
     def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Segment, ...]) -> Stage:
         assert draft.gain is not None
@@ -632,11 +628,9 @@ class _Reader:
 
     def _check_smoothness(self, plan: Plan) -> None:
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
-            if stage.path.non_smooth:
-                used = stage.path.non_smooth
+            if used := stage.path.non_smooth:
                 message = f"the path of stage {stage.index} uses {used}, which is not twice differentiable everywhere"
-                column = draft.path_line.column
-                self._findings.append(Finding("warning", stage.index, stage.line, "not-smooth", message, column))
+                self._warn(draft.path_line, "not-smooth", message, stage.index)
 
     def _repeating(self, plan: Plan) -> Plan:
         """The short form: lap 1's stages, and the shift d that takes them to the next lap.
@@ -675,6 +669,9 @@ class _Reader:
 
     def _fault(self, line: _Line, message: str, expected: str = "", offset: int = 0) -> None:
         self._faults.append(self._source.fault((line.number, line.column + offset), message, expected))
+
+    def _warn(self, line: _Line, code: str, message: str, stage: int | None = None) -> None:
+        self._findings.append(Finding("warning", stage, line.number, code, message, line.column))
 
     def _attempt(self, line: _Line, read: Callable[[str], T], expected: str = "") -> T | None:
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 from eadp.core.arrays import FloatArray
@@ -62,10 +62,6 @@ class PlanReader:
         repeated_m = min(1.25 * endurance_s * airframe.airspeed_mps, 1e6)
         calibrated = calibrated_over_true(Site(), airframe)
         return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, calibrated=calibrated)
-
-    def turning(self, radius_m: float | None) -> PlanReader:
-        """The reader for turns of a radius [m]; the same for None."""
-        return self if radius_m is None else replace(self, turn_radius_m=radius_m)
 
     def __call__(self, text: Text) -> tuple[Plan, list[Finding]]:
         """Read a text.

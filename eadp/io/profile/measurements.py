@@ -14,7 +14,7 @@ import numpy as np
 
 from eadp.core.signals import SampleMean, average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
-from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated, separator
+from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import Text
 from eadp.models.profile import Profile, configuration_text
@@ -88,7 +88,7 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
     sources: list[str] = []
     last: Row
     for table in tables:
-        rows = read_rows(table.name, table.body, separator(table.body))
+        rows = read_rows(table.name, table.body)
         first = next(rows, None)
         if first is None:
             raise InputError.at(table.name, 1, 1, "no measurements", f"{_A_HEADER} and a row for each measurement")

@@ -315,21 +315,17 @@ def powers_at(profile: Profile, asked: Sequence[str], clamp: bool) -> tuple[list
     Raises
     ------
     InputError
-        With the faults of all the options.
+        With the faults of the first option that has any.
     """
     values: list[dict[str, Any]] = []
     warnings: list[Fault] = []
-    faults: list[Fault] = []
     for raw in asked:
+        configuration = _configuration(raw, profile.names)
         try:
-            configuration = _configuration(raw, profile.names)
             power_w = profile.power_w_at(configuration, clamp)
-        except InputError as error:
-            faults += error.faults
-            continue
         except Infeasible as error:
-            faults.append(Fault("--at", 1, 1, str(error), "a value inside, or --clamp for the nearest", raw))
-            continue
+            expected = "a value inside, or --clamp for the nearest"
+            raise InputError.at("--at", 1, 1, str(error), expected, raw) from None
         extrapolated = not profile.interpolant.contains(configuration)
         if extrapolated:
             taken = configuration_text(profile.names, profile.interpolant.nearest(configuration), ",")
@@ -337,7 +333,6 @@ def powers_at(profile: Profile, asked: Sequence[str], clamp: bool) -> tuple[list
             warnings.append(Fault("--at", 1, 1, message, severity="warning"))
         named = dict(zip(profile.names, map(shortest, configuration), strict=True))
         values.append({"configuration": named, "power_w": power_w, "extrapolated": extrapolated})
-    refuse(faults)
     return values, warnings
 
 

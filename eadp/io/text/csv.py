@@ -64,34 +64,23 @@ def repeated(names: Sequence[str]) -> list[int]:
     return [i for i, name in enumerate(names) if name and first.setdefault(name, i) != i]
 
 
-def read_row(file: str, line: int, source: str, mark: str = ",") -> Row:
-    """A line split at the marks outside quotes, or at blanks if there is no mark.
+def read_rows(file: str, body: str, mark: str | None = None) -> Iterator[Row]:
+    """The rows of a table without blank lines and comments, split at the marks outside quotes, or at blanks for ''.
 
-    Between semicolons a comma in a number is the decimal mark.
-    """
-    fields = [text.strip() for text in _split(source, mark)]
-    fields = [*map(_unquoted, fields)] if '"' in source else fields
-    if mark == ";":
-        fields = [text.replace(",", ".") if DECIMAL_COMMA.match(text) else text for text in fields]
-    return Row(file, line, source, fields, mark)
-
-
-def separator(body: str) -> str:
-    """The mark between the fields of a table: a semicolon if its first row has one, else a comma."""
-    first = next((line for line in body.split("\n") if line.strip() and line.lstrip()[0] != "#"), "")
-    return ";" if ";" in first else ","
-
-
-def read_rows(file: str, body: str, mark: str | None = ",") -> Iterator[Row]:
-    """The rows of a table without blank lines and comments.
-
-    Without a mark the first row decides: semicolons, tabs, commas, or else blanks.
+    Without a mark the first row decides: semicolons, tabs, commas, or else blanks. Between semicolons a comma in a
+    number is the decimal mark.
     """
     for number, line in enumerate(body.split("\n"), 1):
-        if line.strip() and line.lstrip()[0] != "#":
-            if mark is None:
-                mark = next((each for each in ";\t," if each in line), "")
-            yield read_row(file, number, line, mark)
+        if not line.strip() or line.lstrip()[0] == "#":
+            continue
+        if mark is None:
+            mark = next((each for each in ";\t," if each in line), "")
+        fields = [text.strip() for text in _split(line, mark)]
+        if '"' in line:
+            fields = [*map(_unquoted, fields)]
+        if mark == ";":
+            fields = [text.replace(",", ".") if DECIMAL_COMMA.match(text) else text for text in fields]
+        yield Row(file, number, line, fields, mark)
 
 
 def _split(line: str, mark: str) -> list[str]:

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from eadp.errors import InputError, printable
-from eadp.io.text.streams import SourceText, Text
+from eadp.io.text.streams import Text
 
 NESTING_LIMIT = 50
 """Greatest nesting of lists and objects, the document included."""
@@ -67,7 +67,7 @@ class JsonReader:
     `not_finite`: whether NaN and infinities are read, though JSON has none.
     """
 
-    def __init__(self, source: SourceText, *, not_finite: bool = False) -> None:
+    def __init__(self, source: Text, *, not_finite: bool = False) -> None:
         self.source, self.body = source, source.body
         self._scalar = json.JSONDecoder(parse_int=_whole, parse_constant=float if not_finite else _refused).raw_decode
 

@@ -26,12 +26,41 @@ LIMIT_BYTES = 20_000_000
 """Size limit of inputs."""
 
 
+Location = tuple[int, int]
+"""Line and column, from 1."""
+
+
 @dataclass(frozen=True)
 class Text:
     """A text and the name to call it by in messages."""
 
     name: str
     body: str
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """Its lines."""
+        return self.body.split("\n")
+
+    @cached_property
+    def starts(self) -> Sequence[int]:
+        """Offsets of the lines; an array, since a text may be all line ends."""
+        return array("q", accumulate((len(line) + 1 for line in self.lines), initial=0))
+
+    def location(self, offset: int) -> Location:
+        """Line and column of an offset."""
+        line = bisect_right(self.starts, offset, hi=len(self.lines))
+        return line, offset - self.starts[line - 1] + 1
+
+    def fault(self, location: Location, message: str, expected: str = "") -> Fault:
+        """A fault at a location, with the line it is in."""
+        line, column = location
+        source = self.lines[line - 1] if line <= len(self.lines) else ""
+        return Fault(self.name, line, column, message, expected, source)
+
+    def error(self, location: Location, message: str, expected: str = "") -> InputError:
+        """The error of a single fault at a location, to be raised."""
+        return InputError(self.fault(location, message, expected))
 
 
 def read_text(path: str) -> Text:
@@ -229,37 +258,6 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-Location = tuple[int, int]
-"""Line and column, from 1."""
-
-
-class SourceText:
-    """A text by lines."""
-
-    def __init__(self, text: Text) -> None:
-        self.name, self.body, self.lines = text.name, text.body, text.body.split("\n")
-
-    @cached_property
-    def starts(self) -> Sequence[int]:
-        """Offsets of the lines; an array, since a text may be all line ends."""
-        return array("q", accumulate((len(line) + 1 for line in self.lines), initial=0))
-
-    def location(self, offset: int) -> Location:
-        """Line and column of an offset."""
-        line = bisect_right(self.starts, offset, hi=len(self.lines))
-        return line, offset - self.starts[line - 1] + 1
-
-    def fault(self, location: Location, message: str, expected: str = "") -> Fault:
-        """A fault at a location, with the line it is in."""
-        line, column = location
-        source = self.lines[line - 1] if line <= len(self.lines) else ""
-        return Fault(self.name, line, column, message, expected, source)
-
-    def error(self, location: Location, message: str, expected: str = "") -> InputError:
-        """The error of a single fault at a location, to be raised."""
-        return InputError(self.fault(location, message, expected))
 
 
 _SCHEMA = re.compile(r"^schema: *['\"]?eadp\.([a-z]+)/", re.MULTILINE)

@@ -22,7 +22,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
 from eadp.io.text.options import attribute_docstrings
-from eadp.io.text.streams import Location, SourceText, Text
+from eadp.io.text.streams import Location, Text
 
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50
@@ -44,7 +44,7 @@ _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)\Z|\.(nan|NaN|NAN)\Z")
 class Document:
     """A YAML document: its value, and the line and column (from 1) of every value by its path of keys."""
 
-    source: SourceText
+    source: Text
     value: Any = None
     places: dict[Path, Location] = field(default_factory=dict)
     overrides: dict[Path, str] = field(default_factory=dict)
@@ -75,18 +75,17 @@ def read_yaml(text: Text) -> Document:
         On anything YAML's core schema does not allow, and on aliases, anchors, tags, duplicate keys, keys that are
         not strings, NaN and infinities, more than 50 levels, and more than `LIMIT_CHARACTERS`.
     """
-    source = SourceText(text)
-    document = Document(source)
+    document = Document(text)
     if len(text.body) > LIMIT_CHARACTERS:
-        raise source.error((1, 1), "is too large for YAML", f"at most {LIMIT_CHARACTERS} characters")
+        raise text.error((1, 1), "is too large for YAML", f"at most {LIMIT_CHARACTERS} characters")
     try:
-        node = _Loader(source).get_single_node()
+        node = _Loader(text).get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         message = f"is not YAML: {printable(error.problem or 'cannot be read')}"
-        raise source.error(_location(mark), message) from None
+        raise text.error(_location(mark), message) from None
     except yaml.YAMLError as error:
-        raise source.error((1, 1), f"is not YAML: {printable(str(error).splitlines()[0])}") from None
+        raise text.error((1, 1), f"is not YAML: {printable(str(error).splitlines()[0])}") from None
     faults: list[Fault] = []
     if node is not None:
         document.value = _build(node, (), document, faults)
@@ -97,7 +96,7 @@ def read_yaml(text: Text) -> Document:
 class _Loader(yaml.SafeLoader):
     """Refuses references and tags, and leaves every plain scalar a string: the core schema is applied in `_scalar`."""
 
-    def __init__(self, source: SourceText) -> None:
+    def __init__(self, source: Text) -> None:
         super().__init__(source.body)
         self._source, self._depth = source, 0
 
@@ -214,7 +213,6 @@ _EXPECTED = {
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 SUGGESTIONS = 100
 """Most unknown keys for which known ones are searched."""
-_INNER = re.compile(r"[a-z-]+(\[.*\])?\Z")  # pydantic's names of a union's members: float, literal['period']
 
 
 @cache
@@ -353,48 +351,33 @@ def _schema_fault(document: Document, problem: Any, model: Any, value: Any, sugg
 
 
 def _path_in(value: Any, location: tuple[str | int, ...]) -> Path:
-    """The part of pydantic's path that stands in the value: not the names of a union's members."""
+    """The part of pydantic's path that stands in the value, or is missing at its end: no names of a union's members."""
     path: Path = ()
     for i, part in enumerate(location):
-        last = i == len(location) - 1
-        here = _at(value, path)
-        member = isinstance(part, str) and _INNER.match(part) and not isinstance(here, dict)
-        between = isinstance(here, dict) and part not in here
-        if part == "[key]" or (member if last else between):
-            continue
+        try:
+            value = value[part]
+        except (KeyError, IndexError, TypeError):
+            missing = isinstance(value, dict) or isinstance(part, int)
+            if part == "[key]" or not missing or i < len(location) - 1:
+                continue
         path = (*path, part)
     return path
 
 
-def _at(value: Any, path: Path) -> Any:
-    """The value at a path, or None."""
-    for part in path:
-        try:
-            value = value[part]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return value
-
-
 def _instead(model: Any, path: Path) -> str:
     """What to write for an unknown key: the paths of the key of its name, else the known keys."""
-    schema = schema_of(model)
-    nodes = [schema]
-    for part in path[:-1]:
-        nodes = [inner for node in nodes for name, inner in properties(schema, node) if name == part] or nodes
-    wanted = str(path[-1])
-    found = [".".join(map(str, (*path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)]
-    if found:
-        return " or ".join(dict.fromkeys(found))
-    return one_of((name for node in nodes for name, _ in properties(schema, node)), wanted)
+    schema, wanted = schema_of(model), str(path[-1])
+    parent = tuple(part for part in path[:-1] if isinstance(part, str))
+    inside = [known[len(parent) :] for known in _key_paths(schema, schema) if known[: len(parent)] == parent]
+    found = [".".join(map(str, (*path[:-1], *deeper))) for deeper in inside if deeper and deeper[-1] == wanted]
+    return " or ".join(dict.fromkeys(found)) or one_of((deeper[0] for deeper in inside if len(deeper) == 1), wanted)
 
 
-def _paths_to(wanted: str, schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Paths from a node of a schema to the keys of a name."""
+def _key_paths(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """The paths of all keys below a node of a schema."""
     for name, inner in properties(schema, node):
-        if name == wanted:
-            yield (name,)
-        yield from ((name, *deeper) for deeper in _paths_to(wanted, schema, inner))
+        yield (name,)
+        yield from ((name, *deeper) for deeper in _key_paths(schema, inner))
 
 
 def properties(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

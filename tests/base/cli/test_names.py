@@ -45,8 +45,8 @@ def test_a_header_names_the_path_parameters():
     [
         ("paths x", 10, "a path parameter without a name of its own"),
         ("paths a, b", 10, "2 names for 1 path parameters"),
-        ("paths a = 3", 13, "a is no expression in c1 alone"),
-        ("paths a = (c1 + 5)^2", 13, "a neither rises nor falls over all of the set of c1"),
+        ("paths a = 3", 14, "a is no expression in c1 alone"),
+        ("paths a = (c1 + 5)^2", 14, "a neither rises nor falls over all of the set of c1"),
     ],
 )
 def test_a_header_that_names_nothing_is_refused(tmp_path, eadp, header, column, words):

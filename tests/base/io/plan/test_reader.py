@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.errors import InputError
-from eadp.io.plan.reader import LIMIT_CHARACTERS, LIMIT_STAGES, read_plan
+from eadp.io.plan.reader import LIMIT_STAGES, read_plan
 from eadp.io.plan.sources import PlanReader
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
@@ -492,8 +492,6 @@ def test_a_plan_that_is_too_long():
     line = 2 * LIMIT_STAGES + 1
     with pytest.raises(InputError, match=f"a.plan:{line}:1: error: more than {LIMIT_STAGES} stages"):
         read_plan(Text("a.plan", stage * (LIMIT_STAGES + 100)))
-    with pytest.raises(InputError, match=f"too large for a plan; expected at most {LIMIT_CHARACTERS} characters"):
-        read_plan(Text("a.plan", stage + " " * LIMIT_CHARACTERS))
 
 
 def test_headers_of_stages_hold_from_the_next_stage_on_and_are_written_back():

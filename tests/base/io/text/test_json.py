@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
-from eadp.io.text.streams import SourceText, Text
+from eadp.io.text.streams import Text
 
 scalars = st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False)
 documents = st.recursive(
@@ -26,7 +26,7 @@ def bare(value):
 @given(documents, st.sampled_from([None, 1]), st.booleans())
 def test_json_is_what_the_standard_library_reads(value, indent, ascii_only):
     text = json.dumps(value, indent=indent, ensure_ascii=ascii_only)
-    assert bare(JsonReader(SourceText(Text("f", text))).document()) == value
+    assert bare(JsonReader(Text("f", text)).document()) == value
 
 
 @given(documents, st.data())
@@ -47,7 +47,7 @@ def test_what_is_no_json_is_none_for_either(value, data):
         expected = json  # which no text is
     assume(not twice)
     try:
-        found = bare(JsonReader(SourceText(Text("f", text))).document())
+        found = bare(JsonReader(Text("f", text)).document())
     except InputError:
         found = json
     assert found == expected or (found is expected is json)
@@ -56,7 +56,7 @@ def test_what_is_no_json_is_none_for_either(value, data):
 @given(documents)
 def test_every_value_of_json_has_its_place(value):
     text = json.dumps(value, indent=1)
-    source = SourceText(Text("f", text))
+    source = Text("f", text)
     lines = text.split("\n")
 
     def check(node):
