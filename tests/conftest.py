@@ -3,9 +3,11 @@
 import gc
 import importlib.util
 import os
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -13,10 +15,12 @@ from common import ROOT, draw_nothing, evenly
 from common.browser import ABSENT, CHROMIUM, Browser
 from hypothesis import HealthCheck, Phase, settings
 
+from eadp import plug_ins
 from eadp.check.proof import AlgebraProcess
 from eadp.cli.main import main
 from eadp.cli.output import Progress
 from eadp.core import compiled
+from eadp.io.plan import sources
 from eadp.io.text import yaml
 
 gc.disable()  # until all tests are collected: nothing of them is garbage
@@ -81,9 +85,10 @@ def _code_as_before():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _yaml_parsed_once():
-    """Nodes of a document, which are never changed, are those of the same text before."""
+def _read_once():
+    """Nodes of a document, plans, and what is installed, which are never changed, are those that were read before."""
     nodes, parsed = {}, yaml._Loader.get_single_node
+    plan, entry_points = lru_cache(100)(sources.read_plan), plug_ins._entry_points
 
     def known(loader):
         body = loader._source.body
@@ -93,8 +98,14 @@ def _yaml_parsed_once():
             nodes[body] = parsed(loader)
         return nodes[body]
 
+    @lru_cache
+    def installed(kind, _path):
+        return entry_points(kind)
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yaml._Loader, "get_single_node", known)
+        patch.setattr(sources, "read_plan", lambda text: (plan(text)[0], [*plan(text)[1]]))
+        patch.setattr(plug_ins, "_entry_points", lambda kind: installed(kind, tuple(sys.path)))
         yield
 
 
@@ -204,6 +215,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """Modules and tests, which live to the end, are looked through no more."""
     gc.freeze()
+    gc.set_threshold(20_000, 20)
     gc.enable()
 
 
