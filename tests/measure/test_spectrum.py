@@ -80,7 +80,7 @@ def test_period_of_a_clean_log(periods: float) -> None:
 
 @pytest.mark.parametrize(("period_s", "noise_w"), few_rows([(3.0, 0.5), (5.0, 0.0)], 1))
 def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, noise_w: float) -> None:
-    times = np.arange(0.0, 2400.0, 0.8)
+    times = np.arange(0.0, 2400.0, 1.2)
     found = analyse(times, noisy(times, noise_w, terms=((2.0, 0.3),), period_s=period_s))
     assert found.range_s[0] == pytest.approx(6.0, rel=1e-3)
     assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(period_s, rel=1e-4), 1)

@@ -62,6 +62,7 @@ def draw_nothing(patch: pytest.MonkeyPatch) -> None:
     for module, name, nothing in (
         ("eadp.io.figures.plan", "write_flight_figure", _no_picture),
         ("eadp.papers.figures", "write_paper_figure", _no_picture),
+        ("eadp.survey.folder", "write_sorties_figure", _no_picture),
         ("eadp.report.flight", "write_page", _no_page),
     ):
         patch.setattr(import_module(module), name, nothing)  # the package's own names are functions
