@@ -3,9 +3,11 @@
 import gc
 import importlib.util
 import os
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -13,11 +15,15 @@ from common import ROOT, draw_nothing, evenly
 from common.browser import ABSENT, CHROMIUM, Browser
 from hypothesis import HealthCheck, Phase, settings
 
+from eadp import plug_ins
 from eadp.check.proof import AlgebraProcess
 from eadp.cli.main import main
 from eadp.cli.output import Progress
 from eadp.core import compiled
+from eadp.io.plan import sources
 from eadp.io.text import yaml
+from eadp.papers.power import PowerTracker
+from eadp.planning import registry
 
 gc.disable()  # until all tests are collected: nothing of them is garbage
 
@@ -81,9 +87,10 @@ def _code_as_before():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _yaml_parsed_once():
-    """Nodes of a document, which are never changed, are those of the same text before."""
+def _read_once():
+    """Nodes of a document, plans, and what is installed, which are never changed, are those that were read before."""
     nodes, parsed = {}, yaml._Loader.get_single_node
+    plan, entry_points = lru_cache(100)(sources.read_plan), plug_ins._entry_points
 
     def known(loader):
         body = loader._source.body
@@ -93,8 +100,14 @@ def _yaml_parsed_once():
             nodes[body] = parsed(loader)
         return nodes[body]
 
+    @lru_cache
+    def installed(kind, _path):
+        return entry_points(kind)
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yaml._Loader, "get_single_node", known)
+        patch.setattr(sources, "read_plan", lambda text: (plan(text)[0], [*plan(text)[1]]))
+        patch.setattr(plug_ins, "_entry_points", lambda kind: installed(kind, tuple(sys.path)))
         yield
 
 
@@ -160,8 +173,9 @@ DRAWN = {
 def _undrawn(request: pytest.FixtureRequest):
     """No figures and pages in result folders, where they are not the subject."""
     with pytest.MonkeyPatch.context() as patch:
-        if request.path.relative_to(ROOT / "tests").as_posix() not in DRAWN:
-            draw_nothing(patch)
+        path = request.path.relative_to(ROOT / "tests").as_posix()
+        if path not in DRAWN or path == "report/test_flight.py":  # whose subject is the page alone
+            draw_nothing(patch, page=path not in DRAWN)
         yield patch
 
 
@@ -171,6 +185,32 @@ def drawn(_undrawn: pytest.MonkeyPatch):
     _undrawn.undo()
     yield
     draw_nothing(_undrawn)
+
+
+class Unestimated(PowerTracker):
+    """Forecasts that the power stays as it was read last: the estimate takes a fifth of a flight's time."""
+
+    def _observe(self, time_s: float, power_w: float | None, computing_w: float) -> None:
+        self._forecast_w = self._forecast_w if power_w is None else power_w
+
+
+UNESTIMATED = [
+    "base/cli", "base/planning/forecast", "base/planning/joint", "base/planning/state", "exchange", "live", "survey",
+    "sweep",
+]  # fmt: skip
+"""Tests whose subject is not the estimate in a flight's log."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _unestimated(request: pytest.FixtureRequest):
+    """No estimates in the logs of these tests' flights; the planners' own are as they are."""
+    path = request.path.relative_to(ROOT / "tests")
+    with pytest.MonkeyPatch.context() as patch:
+        if any(path.is_relative_to(name) for name in UNESTIMATED):
+            patch.setattr(
+                registry, "plug_in", lambda *of: Unestimated if of[0] == "estimators" else plug_ins.plug_in(*of)
+            )
+        yield
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses by the marker
@@ -204,6 +244,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """Modules and tests, which live to the end, are looked through no more."""
     gc.freeze()
+    gc.set_threshold(20_000, 20)
     gc.enable()
 
 

@@ -78,8 +78,8 @@ def test_no_pattern_tries_blanks_from_each_of_them():
         text = path.read_text(encoding="utf-8")
         for node in ast.walk(tree_of(path)) if "re.compile(" in text else ():
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "compile":
-                source = ast.get_source_segment(text, node) or ""
-                name = re.match(r"\s*(\w+)", text.splitlines()[node.lineno - 1])
+                source = "\n".join(text.splitlines()[node.lineno - 1 : node.end_lineno])
+                name = re.match(r"\s*(\w+)", source)
                 if re.search(r"MULTILINE", source):
                     assert r"^\s" not in source, source
                 if re.search(r"""r"\\s[*+]""", source) and name:
@@ -98,17 +98,10 @@ def test_no_circle_of_files():
     assert len(list(order.static_order())) == len(graph.modules) > 150  # a circle raises CycleError
 
 
-def _modules():
-    names = {}
-    for path in SOURCES:
-        *packages, last = path.relative_to(ROOT).with_suffix("").parts
-        names[".".join(packages if last == "__init__" else [*packages, last])] = tree_of(path)
-    return names
-
-
 def test_an_import_inside_a_function_spares_a_slow_library():
     """Below the use cases: of eadp's own modules, those alone that import such a library at once."""
-    modules = _modules()
+    paths = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
+    modules = {name: tree_of(path) for name, path in paths.items()}
 
     def imported(nodes):
         for node in nodes:
@@ -134,6 +127,7 @@ def test_an_import_inside_a_function_spares_a_slow_library():
         f"{name}: {inner}"
         for name, tree in modules.items()
         if name.startswith(("eadp.core", "eadp.models", "eadp.planning", "eadp.simulation", "eadp.io"))
+        if re.search(r"^ +from eadp", paths[name].read_text(encoding="utf-8"), re.MULTILINE)
         for function in ast.walk(tree)
         if isinstance(function, ast.FunctionDef)
         for inner in imported(ast.walk(function))

@@ -1,4 +1,4 @@
-"""`eadp replan` as a companion computer meets it: lines in, lines out, kills, and lines that are none.
+"""`eadp replan` as a companion computer meets it: lines in, lines out, kills, lines that are none, wrong or late.
 
 The lines are those of scenarios/example-telemetry.jsonl, which tests/support/example_telemetry.py writes.
 """
@@ -9,8 +9,10 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 
 import pytest
+from broken_osqp import BROKEN, broken_osqp
 from common import ROOT, draws
 from common.answers import refused
 from common.processes import hear_interrupts
@@ -19,7 +21,11 @@ from hypothesis import strategies as st
 
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import read_text
+from eadp.live.flight import NOT_PLACED
 from eadp.live.replanner import ReplanLog
+from eadp.models.plan.cursor import PlanCursor
 
 PLAN, SCENARIO, EXAMPLE = "plans/survey.plan", "scenarios/survey.yaml", "scenarios/example-telemetry.jsonl"
 ARGUMENTS = ("replan", PLAN, "--scenario", SCENARIO, "--planner", "joint")
@@ -45,11 +51,15 @@ def replan(capsys, monkeypatch):
 @pytest.fixture(scope="module")
 def whole():
     """The answers to the whole recorded flight."""
-    pipe = subprocess.PIPE
-    command = [sys.executable, "-m", "eadp", *ARGUMENTS]
-    done = subprocess.run(command, input=b"".join(LINES), stdout=pipe, stderr=pipe, cwd=ROOT, check=False)
-    assert (done.returncode, done.stderr) == (0, b"")
-    return [json.loads(line, parse_constant=no_constant) for line in done.stdout.splitlines()]
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as out, redirect_stderr(out):
+        patch.chdir(ROOT)
+        assert main([*ARGUMENTS, "--telemetry", EXAMPLE]) == 0
+    return [json.loads(line, parse_constant=no_constant) for line in out.getvalue().splitlines()]
+
+
+def sent(lines):
+    """Lines of telemetry as they are sent."""
+    return "".join(json.dumps(line) + "\n" for line in lines).encode()
 
 
 def no_constant(name):
@@ -357,3 +367,150 @@ def test_a_table_as_telemetry_is_one_line(replan):
         assert (code, advice) == (2, [])
         assert err.startswith("<stdin>:1:1: error: is a table (CSV), and no telemetry; expected an object a line")
         assert err.count("\n") == 1
+
+
+# --- headings
+
+
+def mathematical(line):
+    """The line with its heading sent as a mathematical angle."""
+    return line | {"heading_deg": 90 - line["heading_deg"]}
+
+
+# --- headings
+
+
+def check_headings(decisions, wind, within_s):
+    first = next(line for line in decisions if "heading-disbelieved" in line["warnings"])
+    assert first["time_s"] < within_s
+    later = [line for line in decisions if line["time_s"] > first["time_s"] + 60 and line["wind_mps"] is not None]
+    assert len(later) > 100
+    assert all("heading-disbelieved" in line["warnings"] for line in later)
+    assert max(abs(complex(*line["wind_mps"]) - wind) for line in later) < 2.0
+
+
+@pytest.mark.slow
+def test_mathematical_headings_are_disbelieved_and_the_wind_is_found_without(replan, whole):
+    assert not any("heading-disbelieved" in line["warnings"] for line in whole)
+    code, decisions, _ = replan(sent([mathematical(line) for line in LINES_OF[:300]]))
+    assert code == 0
+    check_headings(decisions, complex(*whole[-2]["wind_mps"]), 100)
+
+
+# --- the end of the plan
+
+REACHED, DOUBT = "final point reached", "final point passed by less"
+
+
+def survey_lines(laps, x_m=0.0):
+    """The survey at c1 = 0 along its nominal path at 15 m/s, once a second, moved by `x_m`."""
+    plan, _ = read_plan(read_text(str(ROOT / PLAN)))
+    cursor, points = PlanCursor.start(plan, (0.0, 10.0)), []
+    joined = (-45.0, 216.0)
+    for _ in range(4 * laps + 1):
+        track = cursor.stage.track(cursor.path(), cursor.local_trigger_m())
+        ox, oy = cursor.offset_m
+        start = joined[0] - ox, joined[1] - oy
+        length_m = abs(track.ahead_m(start))
+        points += [(x + ox, y + oy) for x, y, _ in track.points(start, length_m, 1.0, round(length_m / 1.5))]
+        joined, cursor = cursor.trigger_m(), cursor.next()
+    flown = [(x + x_m, y) for x, y in points[::10]]
+    return [
+        {"time_s": k + 1.0, "x_m": x, "y_m": y, "power_w": 35.0, "soc": 1 - 0.0005 * k, "parameters": {"c1": 0.0}}
+        for k, (x, y) in enumerate(flown)
+    ]
+
+
+@pytest.mark.slow
+def test_an_end_that_is_passed_by_little_is_uncertain_and_the_flight_goes_on(replan):
+    # lap 14 ends at x = 175, where the plan does; 0.5 m to the east it passes the end, by less than the error
+    code, decisions, err = replan(sent(survey_lines(16, x_m=0.5)))
+    doubted = [line["time_s"] for line in decisions if "stage-unknown" in line["warnings"]]
+    reached = [line["time_s"] for line in decisions if REACHED in line["reason"]]
+    assert (code, len(reached)) == (0, 1)
+    assert any(DOUBT in line["reason"] for line in decisions)
+    assert max(doubted) - min(doubted) < 40
+    assert max(doubted) < reached[0] - 10
+    assert decisions[-1]["lap"] >= 15
+    assert "goes on" in err
+
+
+@pytest.mark.slow
+def test_an_end_that_a_wrong_position_declares_is_taken_back(replan):
+    lines = survey_lines(16, x_m=-1.0)
+    wrong = next(k for k, line in enumerate(lines) if line["x_m"] > 165 and line["y_m"] > 165)
+    lines[wrong] |= {"x_m": 190.0, "y_m": 180.0}
+    code, decisions, err = replan(sent(lines))
+    times = [line["time_s"] for line in decisions if REACHED in line["reason"]]
+    assert (code, len(times)) == (0, 2)
+    assert times[0] == lines[wrong]["time_s"]
+    assert "goes on" in err
+    assert decisions[-1]["lap"] >= 15
+
+
+# --- telemetry that begins in the middle of the flight
+
+
+def places(decisions):
+    return {line["time_s"]: (line["lap"], line["stage"]) for line in decisions}
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(
+    ("begins_s", "reports"),
+    [(300, ("parameters", "stage")), (130, ("parameters", "stages_started")), (300, ("stage",))],
+)
+def test_telemetry_that_begins_in_the_middle_of_the_flight(replan, whole, begins_s, reports):
+    """The lap is that of the number of the stage, else that of the position: certain, or until the next stage not."""
+    true = places(whole)
+    lines = [dict(line) for line in LINES_OF if line["time_s"] >= begins_s]
+    for line in lines:
+        lap, stage = true[line["time_s"]]
+        line |= {key: value for key, value in (("stage", stage), ("stages_started", 4 * lap + stage)) if key in reports}
+        if "parameters" not in reports:
+            del line["parameters"]
+    code, decisions, _ = replan(sent(lines))
+    assert code == 0
+    assert ("stage-unknown" in decisions[0]["warnings"]) is ("stages_started" not in reports)
+    assert "stage-unknown" not in decisions[-1]["warnings"]
+    wrong = [line["time_s"] for line in decisions if (line["lap"], line["stage"]) != true.get(line["time_s"])]
+    assert len(wrong) <= 2 or "parameters" not in reports
+    assert decisions[-1]["reason"] == REACHED or "parameters" not in reports
+
+
+def test_telemetry_elsewhere_without_a_stage_is_not_acted_on(replan):
+    """Until a stage is reported: nothing is decided, nor forecast, and the reason says so."""
+    lines = [{key: value for key, value in line.items() if key != "parameters"} for line in LINES_OF[300:340]]
+    lines[20:] = [line | {"stages_started": 30} for line in lines[20:]]
+    _, decisions, _ = replan(sent(lines))
+    before = [line for line in decisions if line["time_s"] < lines[20]["time_s"]]
+    assert {line["reason"] for line in before} == {NOT_PLACED}
+    assert all("stage-unknown" in line["warnings"] for line in before)
+    assert all((line["parameters"], line["soc_end_forecast"]) == (before[0]["parameters"], None) for line in before)
+    assert (before[0]["lap"], before[0]["stage"], before[0]["parameters"]) == (0, 1, {"c1": 0.0, "c2": 10.0})
+    after = decisions[len(before) :]
+    assert all("stage-unknown" not in line["warnings"] for line in after)
+    assert after[-1]["soc_end_forecast"] is not None
+    assert NOT_PLACED not in after[-1]["reason"]
+
+
+def test_a_failed_solver_shows_in_decisions_and_in_the_exit_code(replan):
+    short = "-q", "--set", "battery.capacity_ah=0.7"
+    passed, _, said = replan(b"".join(LINES[:30]), *short)
+    assert "OSQP" not in said
+    with broken_osqp(BROKEN["failing"]):
+        code, decisions, said = replan(b"".join(LINES[:30]), *short)
+        strict, *_ = replan(b"".join(LINES[:30]), *short, "--strict-solver")
+    assert (code, strict) == (passed, 1)
+    failed = sum("fallback, closed form: OSQP failed" in line["reason"] for line in decisions)
+    assert failed > 5
+    assert "eadp: warning: OSQP does not solve, at" in said
+    assert f"OSQP did not solve: {failed} decisions by the fallback" in said
+
+
+def test_parameters_of_a_first_report_stay_within_their_sets(replan):
+    """The flight begins in its middle with what it reports: never with what the plan does not allow."""
+    row = {"time_s": 0, "x_m": -100, "y_m": 150, "power_w": 50, "soc": 0.8, "stage": 3}
+    _, (line,), err = replan(sent([{**row, "parameters": {"c1": -1e6, "c2": 1e9}}]))
+    assert line["parameters"] == line["in_force"] == {"c1": -1000.0, "c2": 10.0}
+    assert "outside its set; clipped" in err

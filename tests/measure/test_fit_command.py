@@ -2,7 +2,6 @@
 
 import json
 import re
-import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -31,18 +30,6 @@ def noise(tmp_path: Path) -> str:
     file = tmp_path / "noise.csv"
     file.write_text("time_s,power_w\n" + "".join(f"{i},{value}\n" for i, value in enumerate(power)))
     return str(file)
-
-
-def test_the_example_of_the_help_works(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    code, out, _ = run("fit", "--help")
-    assert code == 0
-    example = next(line.strip() for line in out.splitlines() if "Example:" in line)
-    assert out.split("\n\n")[1].strip() == example, "the help starts with it"
-    monkeypatch.chdir(ROOT)
-    code, out, err = run(*shlex.split(example.removeprefix("Example: eadp")))
-    assert (code, err) == (0, "")
-    assert out.splitlines()[:2] == ["period   46.034 ± 0.019 s", "order    3"]
-    assert len(out.splitlines()) == 11, "a line for each harmonic at the end"
 
 
 def test_example_as_json(run: Run) -> None:

@@ -120,6 +120,7 @@ def test_a_rest_is_planned_whatever_the_rates_of_take_off(tmp_path):
     assert energies[0] == energies[1]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_camera_goes_with_the_sorties(eadp, tmp_path):
     """The size of a pixel is that asked for, not that from the aircraft's cruise altitude."""
     field, out, camera = tmp_path / "field.csv", tmp_path / "job", tmp_path / "own.yaml"
@@ -131,6 +132,7 @@ def test_the_camera_goes_with_the_sorties(eadp, tmp_path):
     given = ("cover", field, "--metres", "--vehicle", WING, "--home", "-50,0", "--sorties", "2", "--pattern", "dubins")
     pictures = ("--camera", camera, "--gsd", "1", "--side-overlap", "50", "--forward-overlap", "75", "-o", out)
     text = eadp(*given, *pictures).out
+    assert (out / "sorties.svg").stat().st_size > 10_000
     document = json.loads((out / "sorties.json").read_text())
     # 6000 pixels of 1 cm are 60 m, 12 mm by 10 mm from 50 m; a quarter of 40 m
     assert document["gsd_cm"] == pytest.approx(1)

@@ -92,10 +92,11 @@ def test_no_scheduler_is_an_error_at_the_option(monkeypatch):
         DaskEngine(operator.call, "tcp://127.0.0.1:1")
 
 
-def local_cluster(workers):
-    """A scheduler with workers on this machine."""
+def local_cluster(workers, **keys):
+    """A scheduler with workers on this machine, by default of this process."""
+    keys = {"processes": False, "protocol": "tcp", "threads_per_worker": 1, **keys}
     return pytest.importorskip("distributed").LocalCluster(
-        n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", memory_limit=0
+        n_workers=workers, host="127.0.0.1", dashboard_address="127.0.0.1:0", memory_limit=0, **keys
     )
 
 
@@ -105,16 +106,17 @@ def scheduler():
     # a local cluster gives up a worker that a loaded machine does not start again within 15 s
     with (
         pytest.importorskip("dask").config.set({"distributed.deploy.lost-worker-timeout": "600 s"}),
-        local_cluster(2) as cluster,
+        local_cluster(2, processes=True) as cluster,
     ):
         yield cluster.scheduler_address
 
 
-def test_a_cluster(scheduler):
-    engine = DaskEngine(operator.call, scheduler)
-    assert engine.workers == 2
-    assert made(engine, RUNS) == expected(RUNS)
-    engine.close()
+def test_a_cluster():
+    with local_cluster(2) as cluster:
+        engine = DaskEngine(operator.call, cluster.scheduler_address)
+        assert engine.workers == 2
+        assert made(engine, RUNS) == expected(RUNS)
+        engine.close()
 
 
 def test_a_scheduler_without_workers_is_an_error_in_the_end(monkeypatch):

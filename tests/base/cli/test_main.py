@@ -41,7 +41,8 @@ def test_version(eadp):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "replan" else name for name in COMMANDS]
+    "name",  # that of fit is a block of the README
+    [pytest.param(name, marks=pytest.mark.slow) if name in ("fit", "replan") else name for name in COMMANDS],
 )
 def test_help_starts_with_an_example_that_works(eadp, tmp_path, name):
     out = eadp(name, "--help").out

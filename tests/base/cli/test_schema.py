@@ -19,7 +19,7 @@ PRINTED = {
     "performance": "vehicle vehicles/mapper.yaml --format json",
     "power": f"profile {PROFILE} --at fps=5 --format json",
     "profile": f"profile {PROFILE} --format json",
-    "energy": "fit scenarios/example-power-log.csv --format json",
+    "energy": "fit scenarios/example-power-log.csv --to 110 --format json",
     "plan": f"plan {PLAN} --check --format json",
     "vehicle": "fit LOG --vehicle --battery --capacity 5 --soc 1 --format json",
     "battery": "fit LOG --battery --capacity 5 --soc 1 --format json",

@@ -116,7 +116,7 @@ def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):
 @pytest.mark.parametrize("format_", few(["text", "json"], 1))
 def test_failed_runs_of_the_solver_are_seen(eadp, format_):
     """The fallback of planner joint completes the flight, too."""
-    seldom = "--set", "planner.every_s=10", "--set", "step_s=0.1"
+    seldom = "--set", "planner.every_s=20", "--set", "step_s=0.1"
     flight = ("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", format_, *seldom)
     sound = eadp(*flight, "--strict-solver")
     assert (sound.code, sound.err) == (0, "")

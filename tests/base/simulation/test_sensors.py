@@ -9,7 +9,7 @@ import pytest
 from eadp.models.weather import Sensors
 from eadp.simulation.metrics import SensorSuite
 
-STEP_S = 0.01
+STEP_S = 0.05
 
 
 def truth(k):
@@ -33,7 +33,7 @@ def test_any_fault_is_no_ideal(key):
 
 
 def test_noise_has_the_size_that_is_said():
-    n = 40_000
+    n = 10_000
     seen = told(Sensors(power_noise_w=2.0, position_noise_m=0.7, soc_noise=0.01), n)
     for i, std in enumerate((0.7, 0.7, 2.0, 0.01)):
         flat = [
@@ -55,7 +55,7 @@ def test_what_is_told_of_a_step_does_not_depend_on_others_asked_of():
 
 @pytest.mark.parametrize(("share", "length_s"), [(0.1, 2.0), (0.5, 1.0), (0.9, 5.0)])
 def test_drop_outs_are_as_often_and_as_long_as_is_said(share, length_s):
-    n = 400_000
+    n = 80_000
     suite = SensorSuite(Sensors(drop_out_share=share, drop_out_s=length_s), STEP_S, np.random.default_rng(3))
     missing = np.array([measured(suite, k)[1] is None for k in range(1, n + 1)])
     runs = [sum(1 for _ in run) * STEP_S for out, run in itertools.groupby(missing.tolist()) if out]

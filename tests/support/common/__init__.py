@@ -58,12 +58,13 @@ def _no_page(_: Any, folder: Path) -> None:
     (folder / REPORT).write_bytes(GENERATOR)
 
 
-def draw_nothing(patch: pytest.MonkeyPatch) -> None:
-    """Result folders whose figures and page, which take longer than a short flight, are empty."""
+def draw_nothing(patch: pytest.MonkeyPatch, *, page: bool = True) -> None:
+    """Result folders whose figures and, with `page`, page, which take longer than a short flight, are empty."""
     for module, name, nothing in (
         ("eadp.io.figures.plan", "write_flight_figure", _no_picture),
         ("eadp.papers.figures", "write_paper_figure", _no_picture),
-        ("eadp.report.flight", "write_page", _no_page),
+        ("eadp.survey.folder", "write_sorties_figure", _no_picture),
+        *([("eadp.report.flight", "write_page", _no_page)] if page else ()),
     ):
         patch.setattr(import_module(module), name, nothing)  # the package's own names are functions
 

@@ -2,7 +2,8 @@
 
 import pytest
 import sympy
-from hypothesis import given
+from common import draws
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.expressions import algebra
@@ -56,6 +57,7 @@ TREES = st.recursive(
 )
 
 
+@settings(max_examples=draws(0.5))
 @given(TREES)
 def test_what_is_multiplied_out_is_what_sympy_shows(text):
     expression = read_expression(text)

@@ -85,7 +85,7 @@ def calm():
 
 @pytest.fixture(scope="module")
 def gusty():
-    return [flown(seed=seed, **GUSTS) for seed in range(6)]
+    return [flown(seed=seed, **GUSTS) for seed in range(4)]
 
 
 def errors(flight):
