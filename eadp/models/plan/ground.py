@@ -34,7 +34,7 @@ def lap_scale(cursor: PlanCursor, *, last: bool = False) -> float:
     Parameters
     ----------
     cursor : PlanCursor
-        A stage of the lap, whose parameters shift the next one: the last.
+        At the last stage of the lap, the parameters of which shift the next lap.
     last : bool
         Whether the plan ends in this lap.
 
@@ -43,24 +43,34 @@ def lap_scale(cursor: PlanCursor, *, last: bool = False) -> float:
     PathUndefined
         If a shift, a trigger, the final point or a loop variable has no value.
     """
-    segment = cursor.table.segments[cursor.segment]
-    if segment.repeats:
-        assert segment.until is not None
-        highest = tuple(cursor.table.highest)
-        own = _gain(cursor, cursor.parameters, cursor.state)
-        first = _gain(cursor, highest, segment.start(highest))
-        return own / first if first > MIN_ADVANCE else 1.0
-    if not cursor.table.plan.repeats:
-        return 1.0
+    if cursor.table.segments[cursor.segment].repeats:
+        return _segment_scale(cursor)
+    return _plan_scale(cursor, last=last) if cursor.table.plan.repeats else 1.0
+
+
+def _segment_scale(cursor: PlanCursor) -> float:
+    """`lap_scale` of a segment of laps, by what a lap gains on the segment's end."""
+    segment, highest = cursor.table.segments[cursor.segment], tuple(cursor.table.highest)
+    gained = _gain(cursor, cursor.parameters, cursor.state)
+    most = _gain(cursor, highest, segment.start(highest))
+    return gained / most if most > MIN_ADVANCE else 1.0
+
+
+def _plan_scale(cursor: PlanCursor, *, last: bool) -> float:
+    """`lap_scale` of a plan that repeats, by its shift, up to the final point."""
     table = cursor.table
-    (dx, dy), (hx, hy) = table.shift_at(cursor.waiting), table.shift_at(table.highest)
-    (fx, fy), _, (x, y) = table.ends_at(cursor.parameters)
-    # laps left from the one before, along each axis of the shift
-    ways = ((fx - x - cursor.offset_m[0], dx), (fy - y - cursor.offset_m[1], dy))
-    left = max([1.0 + way / d for way, d in ways if abs(d) > MIN_ADVANCE], default=1.0)
-    full = math.hypot(hx, hy)
-    relative = math.hypot(dx, dy) / full if full > MIN_ADVANCE else 1.0
-    return max(left if last else min(left, 1.0), 0.0) * relative
+    shift_m, most_m = math.hypot(*table.shift_at(cursor.waiting)), math.hypot(*table.shift_at(table.highest))
+    laps = _laps_left(cursor)
+    return max(laps if last else min(laps, 1.0), 0.0) * (shift_m / most_m if most_m > MIN_ADVANCE else 1.0)
+
+
+def _laps_left(cursor: PlanCursor) -> float:
+    """Laps from the one before to the final point, along the axis of the shift with more of them; 1 without a shift."""
+    final_m, _, trigger_m = cursor.table.ends_at(cursor.parameters)
+    shift_m = cursor.table.shift_at(cursor.waiting)
+    axes = zip(final_m, trigger_m, cursor.offset_m, shift_m, strict=True)
+    laps = [1.0 + (end - here - offset) / by for end, here, offset, by in axes if abs(by) > MIN_ADVANCE]
+    return max(laps, default=1.0)
 
 
 def _gain(cursor: PlanCursor, parameters: Vector, state: tuple[float, ...]) -> float:
