@@ -304,13 +304,12 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
         raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
     overrides = dict(overrides or {})
     _check_fixed(overrides, design)
-    paths, kept = _paths(document, keys), Files()
-    _read_texts(document, paths, kept)
-    files = {kind: path for kind, path, location in paths if location == (kind,)}
-    scenarios = _scenarios(document, paths, kept, overrides)
-    sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
+    named = _named_files(document, keys)
+    kept = _texts_of(document, named)
+    files = {each.kind: each.path for each in named if not each.is_varied}
+    sweep = Sweep(document.name, design, kept, files, overrides, _scenarios(document, named, kept, overrides))
     _check_values(document, keys, sweep)
-    return replace(sweep, warnings=_read_all(document, keys, paths, sweep))
+    return replace(sweep, warnings=_read_all(document, keys, named, sweep))
 
 
 # --- the design, and checks beyond the schema
@@ -423,39 +422,53 @@ def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
 # --- files, and values checked in them
 
 
-def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]]:
-    """Kind, path and location of every file that the sweep file names."""
+class _NamedFile(NamedTuple):
+    """A file that the sweep file names: its kind, its path, and where it is named."""
+
+    kind: str
+    path: str
+    location: KeyPath
+
+    @property
+    def is_varied(self) -> bool:
+        """Whether it is one of several, and not that of all runs."""
+        return self.location != (self.kind,)
+
+
+def _named_files(document: Document, keys: SweepKeys) -> list[_NamedFile]:
+    """Every file that the sweep file names."""
     given = [(kind, getattr(keys, kind)) for kind in FILES]
     named: list[tuple[str, Any, KeyPath]] = [(kind, value, (kind,)) for kind, value in given if value is not None]
     named += [(name, value, location) for name, value, location in _listed(keys) if name in FILES]
     wrong = [location for _, value, location in named if not isinstance(value, str)]
     refuse([document.fault(location, "not a file name", "a path relative to this file") for location in wrong])
-    return [(kind, beside(document.name, value), location) for kind, value, location in named]
+    return [_NamedFile(kind, beside(document.name, value), location) for kind, value, location in named]
 
 
-def _read_texts(document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files) -> None:
-    """Read every file; one that cannot be read is a fault of the sweep file."""
-    faults = []
-    for _, path, location in paths:
+def _texts_of(document: Document, named: list[_NamedFile]) -> Files:
+    """The files, read; one that cannot be read is a fault of the sweep file."""
+    kept, faults = Files(), []
+    for _, path, location in named:
         try:
             kept.text(path)
         except InputError as error:
             fault = error.faults[0]
             faults.append(document.fault(location, f"{printable(path)} {fault.message}", fault.expected))
     refuse(faults)
+    return kept
 
 
 def _scenarios(
-    document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files, overrides: Mapping[str, Any]
+    document: Document, named: list[_NamedFile], kept: Files, overrides: Mapping[str, Any]
 ) -> dict[str, Scenario]:
     """Every scenario of the sweep, by path; the profiles that they name are added to the texts."""
     # a varied scenario comes after the one of all runs, and replaces it
-    named = [(path, location) for kind, path, location in paths if kind == "scenario"]
-    for path, _ in named:
-        kept.document(path)
-    flown = [path for path, location in named if len(location) > 1] or [path for path, _ in named]
-    scenarios = {path: kept.scenario(path, overrides) for path in flown}
-    if not any(kind == "profile" for kind, *_ in paths):
+    stated = [each for each in named if each.kind == "scenario"]
+    for each in stated:
+        kept.document(each.path)
+    flown = [each for each in stated if each.is_varied] or stated
+    scenarios = {each.path: kept.scenario(each.path, overrides) for each in flown}
+    if not any(each.kind == "profile" for each in named):
         for scenario in scenarios.values():
             if scenario.profile_path is not None:
                 kept.text(scenario.profile_path)
@@ -496,19 +509,17 @@ def _is_of_a_scenario(name: str) -> bool:
     return name in FILES or full_key(name) != f"parameters.{name}"
 
 
-def _read_all(
-    document: Document, keys: SweepKeys, paths: list[tuple[str, str, KeyPath]], sweep: Sweep
-) -> tuple[Fault, ...]:
+def _read_all(document: Document, keys: SweepKeys, named: list[_NamedFile], sweep: Sweep) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
     parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": parse_profile, "energy": parse_energy}
-    named: set[str] = set()
-    for kind, path, _ in paths:
+    titles: set[str] = set()
+    for kind, path, _ in named:
         if kind in parsers:
             _, content = sweep.kept.read(path, parsers[kind])
             if kind != "energy":
                 read = content[0]
-                named |= {item.title for item in read.parameters} if kind == "plan" else set(read.names)
-    _check_titles(document, keys, named - {""})
+                titles |= {item.title for item in read.parameters} if kind == "plan" else set(read.names)
+    _check_titles(document, keys, titles - {""})
     try:
         return load_run(sweep.kept, sweep.run(0)).warnings
     except InputError:

@@ -59,21 +59,20 @@ def _spare(evaluation: Evaluation, way: Homeward, flown_s: float, flown_j: float
 
 
 def _final_charge(evaluation: Evaluation, way: Homeward, flown_s: float = 0.0, flown_j: float = 0.0) -> NormalDist:
-    """State of charge after a way from here, see `_spare`."""
-    evaluator, known, (seconds, power_w, _) = evaluation.evaluator, evaluation.known, way
-    then = after_drain(known.charge.filtered, _drain_per_s(evaluation, power_w) * seconds)
-    # from here on of the whole flight, the part up to here included: time, energy and their variances
-    energy_j, seconds = flown_j + power_w * seconds, flown_s + seconds
-    mean_w = energy_j / seconds if seconds > 0 else power_w
+    """State of charge after a way from here; its deviation is that of the whole flight, see `_spare`."""
+    evaluator, known = evaluation.evaluator, evaluation.known
+    then = after_drain(known.charge.filtered, _drain_per_s(evaluation, way.power_w) * way.seconds)
+    # of the whole flight, the part up to here included
+    whole_j, whole_s = flown_j + way.power_w * way.seconds, flown_s + way.seconds
     totals = evaluation.totals._replace(
-        seconds=np.array(seconds),
-        time_var_s2=np.array(known.time.var_s2(seconds)),
-        energy_var_j2=np.array(known.motion.energy_var_j2(seconds, seconds, 0.0)),
+        seconds=np.array(whole_s),
+        time_var_s2=np.array(known.time.var_s2(whole_s)),
+        energy_var_j2=np.array(known.motion.energy_var_j2(whole_s, whole_s, 0.0)),
         charge_var=np.array(then.var_soc),
-        mean_w=np.array(mean_w),
+        mean_w=np.array(whole_j / whole_s if whole_s > 0 else way.power_w),
         soc_per_j=evaluation.totals.soc_per_j[0],
     )
-    soc = then.soc - float(evaluator.losses(known, seconds)) * LOSS
+    soc = then.soc - float(evaluator.losses(known, whole_s)) * LOSS
     return NormalDist(soc, max(float(evaluator.charge_std(known, totals, soc)), MIN_STD))
 
 
