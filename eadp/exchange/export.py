@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -27,7 +27,7 @@ from eadp.exchange.autopilot import (
     stated_parameters,
     wanted_parameters,
 )
-from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START
+from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START, MissionItem
 from eadp.exchange.path import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
 from eadp.exchange.writer import EXPORTS, files_beside, items_text, mapped_items, mission_items, writer_of
 from eadp.io.flight import airspeeds_text
@@ -36,7 +36,7 @@ from eadp.io.scenario import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag, check_range
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import Airspace, risk_text
-from eadp.models.autopilot import LANDS, PX4, Autopilot
+from eadp.models.autopilot import ARDUPILOT, LANDS, PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
@@ -117,30 +117,39 @@ class ExportOptions:
 
 
 def _items_beside(path: PlannedPath, chosen: _Chosen, to: str, autopilot: Autopilot, warn: Warn) -> dict[str, str]:
-    """What is written beside a mission of items, by the ending of its name; what its autopilot asks of it is said.
+    """What is written beside a mission of items, by the ending of its name: a map to stages, and ArduPilot's fence.
 
-    It is the map of its items to stages, and ArduPilot's fence. Raises Infeasible where PX4 does not arm it.
+    What its autopilot asks of it is said. Raises Infeasible where PX4 does not arm it.
     """
     items = mission_items(path, px4=to == PX4)
-    lands = to != PX4 and any(item.command == LAND_START for item in items)
-    if lands and autopilot.given("RTL_AUTOLAND", 0.0) not in LANDS:
-        note = "ArduPlane does not arm it while RTL_AUTOLAND is 0, as delivered; with 2 a return flies its landing"
-        warn([Fault(chosen.name, 1, 1, note, severity="note")])
-    if to == PX4:
-        check_landing(items, autopilot)
-        if end := lacking_ends(items, autopilot):
-            value = f"{autopilot.value(ENDS_REQUIRED):g}"
-            message = f"PX4 does not arm a mission without {end} while {ENDS_REQUIRED} is {value}"
-            way = "eadp cover --landing LAT,LON,HEADING, or " if end == "a landing" else "--home LAT,LON, or "
-            warn([Fault(chosen.name, 1, 1, message, f"{way}{ENDS_REQUIRED} 0 in the autopilot", severity="warning")])
-    count = len(items) + 1
-    if to != PX4 and count > ARDUPILOT_ITEMS:
-        message = f"{count} items, where an ArduPilot holds some {ARDUPILOT_ITEMS}, by its board"
-        expected = "fewer lines, eadp cover --sorties, or BRD_SD_MISSION in the autopilot"
-        warn([Fault(chosen.name, 1, 1, message, expected, severity="warning")])
+    asks = _asks_of_px4 if to == PX4 else _asks_of_ardupilot
+    warn([replace(fault, file=chosen.name) for fault in asks(items, autopilot)])
     rho = chosen.plan.path_count
     beside = {ITEMS_ENDING: items_text(mapped_items(items, chosen.planned, rho), chosen.plan.names[:rho])}
-    return beside | (files_beside(path) if to == "ardupilot" else {})
+    return beside | (files_beside(path) if to == ARDUPILOT else {})
+
+
+def _asks_of_px4(items: Sequence[MissionItem], autopilot: Autopilot) -> Iterator[Fault]:
+    """What PX4 asks of a mission; raises Infeasible where it does not arm it."""
+    check_landing(items, autopilot)
+    if end := lacking_ends(items, autopilot):
+        message = (
+            f"PX4 does not arm a mission without {end} while {ENDS_REQUIRED} is {autopilot.value(ENDS_REQUIRED):g}"
+        )
+        way = "eadp cover --landing LAT,LON,HEADING" if end == "a landing" else "--home LAT,LON"
+        yield Fault("", 1, 1, message, f"{way}, or {ENDS_REQUIRED} 0 in the autopilot", severity="warning")
+
+
+def _asks_of_ardupilot(items: Sequence[MissionItem], autopilot: Autopilot) -> Iterator[Fault]:
+    """What ArduPilot asks of a mission."""
+    if any(item.command == LAND_START for item in items) and autopilot.given("RTL_AUTOLAND", 0.0) not in LANDS:
+        note = "ArduPlane does not arm it while RTL_AUTOLAND is 0, as delivered; with 2 a return flies its landing"
+        yield Fault("", 1, 1, note, severity="note")
+    count = len(items) + 1  # home
+    if count > ARDUPILOT_ITEMS:
+        message = f"{count} items, where an ArduPilot holds some {ARDUPILOT_ITEMS}, by its board"
+        expected = "fewer lines, eadp cover --sorties, or BRD_SD_MISSION in the autopilot"
+        yield Fault("", 1, 1, message, expected, severity="warning")
 
 
 class _Chosen(NamedTuple):
