@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
@@ -231,46 +232,46 @@ class PaperPlanner(Planner):
         Returns `decided` with the computations to fly with now, and the record of how they were found.
         """
         sets, free = self.mission.plan.stages[o.stage - 1].sets, self._free(o)
-        # status, calls, iterations, gap and reason
-        nothing = NOTHING_TO_CHOOSE, 0, 0, None, NOTHING_TO_CHOOSE
-        record = DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, *nothing)
         if not free:
             self._computing_plan_w = np.full(self._steps(), self.power.computing_w)
-            return decided, record
+            return decided, self._record(o, decided, NOTHING_TO_CHOOSE, NOTHING_TO_CHOOSE)
         horizon, forecast = self._horizon(o, decided[: self._rho]), self._horizon_forecast(o)
-        values, powers_w = horizon.lowest, None
-        deltas = np.array([self._deltas[i] for i in free])
+        chosen, powers_w, record = self._found(o, decided, horizon, forecast)
+        parameters = list(decided)
+        for i, value in zip(free, chosen, strict=True):
+            parameters[i] = value
+        if powers_w is None:  # values that hold over the whole horizon
+            powers_w = np.full(self._steps(), self.mission.computing.power_w(parameters, sets))
+        self._computing_plan_w = powers_w
+        return tuple(parameters), record
+
+    def _record(self, o: Observation, decided: Vector, status: str, reason: str) -> DecisionRecord:
+        """A record without a run of the solver."""
+        return DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, status, 0, 0, None, reason)
+
+    def _found(
+        self, o: Observation, decided: Vector, horizon: Horizon, forecast: HorizonForecast
+    ) -> tuple[list[float], FloatArray | None, DecisionRecord]:
+        """The free computations, their power over the horizon where they change in it, and how they were found."""
+        deltas = np.array([self._deltas[i] for i in self._free(o)])
         try:
             if self.own.solver == SUBROUTINE:
-                values = horizon.lowered(deltas, forecast)[0].tolist()
-                record = record._replace(status=LOWERED, reason="planned")
-            else:
-                solution = horizon.solve(forecast)
-                values, powers_w = solution.chosen[0].tolist(), solution.chosen_w
-                record = record._replace(
-                    status=KEPT if solution.kept else SOLVED,
-                    reason="planned",
-                    iterations=solution.iterations,
-                    gap=solution.gap,
-                    battery_limit=solution.battery_limit,
-                )
+                lowered = horizon.lowered(deltas, forecast)[0].tolist()
+                return lowered, None, self._record(o, decided, LOWERED, "planned")
+            solution = horizon.solve(forecast)
         except Infeasible as error:
             limit = horizon.battery_limit(forecast) if len(horizon.choices) else None
-            record = record._replace(status=INFEASIBLE, reason=f"infeasible: {error}", battery_limit=limit)
+            record = self._record(o, decided, INFEASIBLE, f"infeasible: {error}")
+            return horizon.lowest, None, record._replace(battery_limit=limit)
         except SolverFailed as error:
-            how = "lowered by δ"
-            try:
-                values = horizon.lowered(deltas, forecast)[0].tolist()
-            except Infeasible:
-                how = "minimum"
-            record = record._replace(status=FALLBACK, reason=f"{BY_FALLBACK}{how}: {error}")
-        chosen = list(decided)
-        for i, value in zip(free, values, strict=True):
-            chosen[i] = value
-        if powers_w is None:  # values that hold over the whole horizon
-            powers_w = np.full(self._steps(), self.mission.computing.power_w(chosen, sets))
-        self._computing_plan_w = powers_w
-        return tuple(chosen), record
+            values, how = horizon.lowest, "minimum"
+            with suppress(Infeasible):
+                values, how = horizon.lowered(deltas, forecast)[0].tolist(), "lowered by δ"
+            return values, None, self._record(o, decided, FALLBACK, f"{BY_FALLBACK}{how}: {error}")
+        record = self._record(o, decided, KEPT if solution.kept else SOLVED, "planned")._replace(
+            iterations=solution.iterations, gap=solution.gap, battery_limit=solution.battery_limit
+        )
+        return solution.chosen[0].tolist(), solution.chosen_w, record
 
     def _free(self, o: Observation) -> list[int]:
         """Computations of the stage that have more than one value."""
