@@ -244,24 +244,27 @@ class LinkFlight:
         Without a link to read the mission by, another number of items than the map's is another mission: stages are
         found by the position then, with a warning.
         """
-        count = values.get("item_count")
-        if self._mission is None and self._exported is not None and count is not None:
-            same = count == len(self._exported)
-            if not (same and self._lines.flown):  # in flight as many items may be those of another mission
-                self._follow_map(same=same)
+        if self._mission is None and self._exported is not None and (count := values.get("item_count")) is not None:
+            if count != len(self._exported):
+                self._leave_map()
+            elif not self._lines.flown:  # in flight as many items may be those of another mission
+                self._lines.items = self._exported
         for reading in self._lines.update(values):
             self._replanner.take(reading)
 
     def hold(self, items: Sequence[MissionItem]) -> None:
         """Take the items of the mission that the autopilot holds, home aside, where something else reads them."""
-        if self._exported is not None:
-            self._follow_map(same=same_items([each.item for each in self._exported], items))
+        if self._exported is None:
+            return
+        if same_items([each.item for each in self._exported], items):
+            self._lines.items = self._exported
+        else:
+            self._leave_map()
 
-    def _follow_map(self, *, same: bool) -> None:
-        """Find stages by the map from here on if the mission held is the `same`, else, with a warning, not."""
-        self._lines.items = self._exported if same else None
-        if not same:
-            self._pilot.say(OTHER_MISSION)
+    def _leave_map(self) -> None:
+        """Find stages by the position from here on, as another mission than that of the map is held; say so."""
+        self._lines.items = None
+        self._pilot.say(OTHER_MISSION)
 
     def tick(self, now_s: float) -> None:
         """Do what is due by the time alone: a heartbeat, what is asked or commanded again with it, and the mission's.

@@ -172,7 +172,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     found = read_features(text, metres=metres)
     areas = found.areas(text)
     chosen = _chosen([each for each in areas if not each.avoided] or areas, feature, text)
-    local, origin_deg = _in_metres([(rings, each) for each in chosen for rings in each.polygons], found, text)
+    local, origin_deg = _in_metres([_Polygon(rings, each) for each in chosen for rings in each.polygons], found, text)
     outlines = _Outlines(text, SMALLEST_M2, origin_deg)
     parts = [part for rings, of in local for part in outlines.parts(rings, of)]
     notes = outlines.notes()
@@ -235,39 +235,60 @@ def _chosen(features: Sequence[Feature], asked: str | None, source: Text) -> lis
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(asked, 80))
 
 
-def _in_metres(
-    polygons: list[tuple[list[Line], Feature]], found: Features, source: Text
-) -> tuple[list[tuple[list[Line], Feature]], Point | None]:
+class _Polygon(NamedTuple):
+    """An outline and its holes, of degrees or metres, and the feature that has them."""
+
+    rings: list[Line]
+    of: Feature
+
+    @property
+    def vertices(self) -> list[Point]:
+        """Of all its rings."""
+        return [*chain(*self.rings)]
+
+
+def _in_metres(polygons: list[_Polygon], found: Features, text: Text) -> tuple[list[_Polygon], Point | None]:
     """Polygons in metres, checked; of those in degrees also the place of their origin [°], the middle of the first."""
-    polygons = [(rings, of) for rings, of in polygons if rings[0]]
+    polygons = [each for each in polygons if each.rings[0]]
     origin_deg, smaller = None, _or(f"a field of at most {EXTENT_LIMIT_M / 1000:g} km either way", found.remedy)
-    if found.degrees and polygons:
-        for x, y, of in [(*vertex, of) for rings, of in polygons for vertex in chain(*rings)]:
-            if abs(x) > 360 or abs(y) > LATITUDE_LIMIT_DEG:
-                what = f"a vertex at longitude {x:.10g}, latitude {y:.10g}"
-                limits = f"longitude within ±360 and latitude within ±{LATITUDE_LIMIT_DEG:g} degrees, {_ORDER}"
-                raise source.error(of.location, what, _or(limits, found.remedy))
-        first = polygons[0][0][0]
+    if not polygons:
+        return polygons, None
+    if found.degrees:
+        _check_degrees(polygons, found, text)
+        first = polygons[0].rings[0]
         # longitudes are counted on from the first, across the antimeridian
         longitude, latitude = _middle([(first[0][0] + math.remainder(x - first[0][0], 360), y) for x, y in first])
         origin_deg = (round(latitude, 7) + 0.0, round(math.remainder(longitude, 360), 7) + 0.0)
-        local = []
-        for rings, of in polygons:
-            placed = [[to_near_local_m(y, x, origin_deg) for x, y in ring] for ring in rings]
-            if None in chain(*placed):
-                what = f"a vertex farther than {FARTHEST_M / 1000:g} km from the middle of the first outline"
-                raise source.error(of.location, what, smaller)
-            local.append(([[point for point in ring if point is not None] for ring in placed], of))
-        polygons = local
-    if polygons:
-        west, east, south, north = _extent([*chain(*(ring for rings, _ in polygons for ring in rings))])
-        at = polygons[0][1].location
-        if (largest_m := max(-west, east, -south, north)) > LARGEST_M:
-            raise source.error(at, f"a coordinate of {largest_m:.3g} m", f"at most {LARGEST_M:g} m")
-        if max(east - west, north - south) > EXTENT_LIMIT_M:
-            what = f"{(east - west) / 1000:.4g} km by {(north - south) / 1000:.4g} km"
-            raise source.error(at, what, smaller)
+        polygons = [_placed(each, origin_deg, text, smaller) for each in polygons]
+    west, east, south, north = _extent([*chain(*(each.vertices for each in polygons))])
+    at = polygons[0].of.location
+    if (largest_m := max(-west, east, -south, north)) > LARGEST_M:
+        raise text.error(at, f"a coordinate of {largest_m:.3g} m", f"at most {LARGEST_M:g} m")
+    if max(east - west, north - south) > EXTENT_LIMIT_M:
+        what = f"{(east - west) / 1000:.4g} km by {(north - south) / 1000:.4g} km"
+        raise text.error(at, what, smaller)
     return polygons, origin_deg
+
+
+def _check_degrees(polygons: list[_Polygon], found: Features, text: Text) -> None:
+    """Refuse vertices that are no longitude and latitude, or near a pole."""
+    for longitude, latitude, of in [(*vertex, each.of) for each in polygons for vertex in each.vertices]:
+        if abs(longitude) > 360 or abs(latitude) > LATITUDE_LIMIT_DEG:
+            what = f"a vertex at longitude {longitude:.10g}, latitude {latitude:.10g}"
+            limits = f"longitude within ±360 and latitude within ±{LATITUDE_LIMIT_DEG:g} degrees, {_ORDER}"
+            raise text.error(of.location, what, _or(limits, found.remedy))
+
+
+def _placed(polygon: _Polygon, origin_deg: Point, text: Text, expected: str) -> _Polygon:
+    """A polygon of degrees in metres round an origin; raises InputError where that is far."""
+    rings: list[Line] = []
+    for ring in polygon.rings:
+        placed = [to_near_local_m(latitude, longitude, origin_deg) for longitude, latitude in ring]
+        if None in placed:
+            what = f"a vertex farther than {FARTHEST_M / 1000:g} km from the middle of the first outline"
+            raise text.error(polygon.of.location, what, expected)
+        rings.append([point for point in placed if point is not None])
+    return _Polygon(rings, polygon.of)
 
 
 def _or(expected: str, remedy: str) -> str:
