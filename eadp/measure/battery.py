@@ -168,28 +168,28 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     log = read_power_log(path, replace(columns, factors=True))
     assert log.voltage_v is not None
     assert log.current_a is not None
-    found, readings = None, (log.times_s, log.voltage_v, log.current_a)
+    readings = log.times_s, log.voltage_v, log.current_a
     soc, doubt = _charge_at_start(log.battery, log.voltage_v, log.current_a, options)
     if doubt:
         log.warnings.append(Fault(log.name, 1, 1, doubt, "--soc SHARE", severity="warning"))
+    capacity, given_ah = None, options.capacity_ah
     try:
-        if options.capacity_ah is None:
+        if given_ah is None:
             assert options.cells is not None
-            found = fit_capacity(*readings, options.cells, options.cell_v, soc, options.k_b_per_s)
-            options = replace(options, capacity_ah=found.capacity_ah)
-        assert options.capacity_ah is not None
-        fit = fit_battery(*readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=soc)
+            capacity = fit_capacity(*readings, options.cells, options.cell_v, soc, options.k_b_per_s)
+            given_ah = capacity.capacity_ah
+        fit = fit_battery(*readings, given_ah, k_b_per_s=options.k_b_per_s, soc=soc)
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error), "a log of the battery that is given") from None
-    if found is not None:
-        note = f"the capacity is that with which the voltage falls as that of {options.chemistry} cells does"
-        fit = replace(fit, notes=(note, *fit.notes[1:]))
+    notes = ["capacity and k_b cannot be estimated from voltage and current: they are as given", *fit.notes]
+    if capacity is not None:
+        notes[0] = f"the capacity is that with which the voltage falls as that of {options.chemistry} cells does"
     if stated_ah := log.battery.get("capacity_ah"):
-        note = f"the autopilot's parameters state a capacity of {stated_ah:g} Ah"
-        fit = replace(fit, notes=(*fit.notes, note))
+        notes.append(f"the autopilot's parameters state a capacity of {stated_ah:g} Ah")
     for message, expected in _doubts(log, fit, options):
         log.warnings.append(Fault(log.name, 1, 1, message, expected, severity="warning"))
-    return BatteryLogFit(fit, options, log.warnings, found)
+    fitted = replace(options, capacity_ah=given_ah)
+    return BatteryLogFit(replace(fit, notes=tuple(notes)), fitted, log.warnings, capacity)
 
 
 def _doubts(log: PowerLog, fit: BatteryFit, options: BatteryOptions) -> Iterator[tuple[str, str]]:
@@ -433,7 +433,7 @@ def fit_battery(
     if charge.min() < -0.02:
         drawn_ah = k_b_per_s * float(used.max())
         raise Infeasible(f"the log uses {drawn_ah:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
-    notes = ["capacity and k_b cannot be estimated from voltage and current: they are as given"]
+    notes: list[str] = []
     log = _VoltageLog(t, volts, amps, charge)
     found = log.fit(rises=False, resists=True)
     if float(np.ptp(charge)) < MIN_CHARGE_USED:
