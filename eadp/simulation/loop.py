@@ -111,10 +111,10 @@ class _Flight:
             world.wind,
             np.random.default_rng(world.seed),
         )
-        self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
+        self._planner, self._bridge = flight.planner, _PlannerBridge(world, flight, self._inner_loop, outcome)
         self._drops = _losses(world)
         self._loss_steps = list(self._drops)
-        computing_w = world.computing_w(executor.parameters, executor.stage)
+        computing_w = world.computing.power_w(executor.parameters, executor.stage.sets)
         self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, computing_w)
         outcome.parameters = self._log
         self._inner_loop.start_stage(executor, computing_w)
@@ -228,7 +228,7 @@ class _Flight:
         if changed:
             return self._k + 1
         if due:
-            return max(self._k + 1, step_at(self._bridge.next_update_s, self._world.clock.step_s, end))
+            return max(self._k + 1, step_at(self._planner.next_update_s, self._world.clock.step_s, end))
         return self._next_update
 
     def _decide(self) -> bool:
@@ -254,7 +254,7 @@ class _Flight:
         """Start what the executor flies now in the inner loop and in the log: another stage, or other parameters."""
         executor, time_s = self._executor, self._time_s
         self._parameters = executor.parameters
-        computing_w = self._world.computing_w(executor.parameters, executor.stage)
+        computing_w = self._world.computing.power_w(executor.parameters, executor.stage.sets)
         self._inner_loop.start_stage(executor, computing_w)
         if self._home_as is not None:  # the plan was given up, or is over
             self._log.give_up(time_s, executor.parameters, executor.stage.sets, computing_w)
@@ -346,11 +346,6 @@ class _PlannerBridge:
         self.logged_to = -1
         """The last step logged."""
         self._decided = flight.decision  # the last decision given out
-
-    @property
-    def next_update_s(self) -> float:
-        """When the planner is due [s]."""
-        return self._flight.planner.next_update_s
 
     def new_decision(self) -> Decision | None:
         """The planner's decision, once; None where nothing was decided since."""
