@@ -11,7 +11,6 @@ the outermost function alone, and would keep code of a helper that has changed.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import os
 from collections.abc import Callable
 from functools import cache
@@ -30,11 +29,9 @@ _registered: set[Callable[..., Any]] = set()
 @cache
 def available() -> bool:
     """Whether functions can be compiled; imports numba."""
-    if importlib.util.find_spec("numba") is None:
-        return False
     try:
         importlib.import_module("numba")
-    except Exception:  # for example built for another numpy: numba is optional
+    except Exception:  # not installed, or for example built for another numpy: numba is optional
         return False
     return True
 

@@ -25,7 +25,7 @@ def setting_text(scenario: Scenario) -> str:
     keys, chosen = scenario.keys, scenario.chosen
     airframe, battery, wind = keys.vehicle.airframe, keys.battery, keys.wind
     east, north = wind.steady_mps
-    speed = wind.steady_speed_mps
+    speed = math.hypot(east, north)
     mass = f" of {airframe.mass_kg:g} kg" if airframe.takes_commands else ""
     stated = f", by its data sheet: power ± {100 * airframe.power_std_share:.0f} %" if keys.vehicle.data_sheet else ""
     stated_ohm = "resistance_ohm" in battery_keys(scenario.document, keys.vehicle.battery) or battery.cells is None

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
 from eadp.core.arrays import Efficiency, Seconds, Share
-from eadp.core.flight import drain_per_s, interpolated, max_power_w, replayed_soc
+from eadp.core.flight import drain_per_s, interpolated, max_power_w
 from eadp.errors import EadpError, printable
 from eadp.plug_ins import plug_in
 
@@ -254,13 +254,9 @@ class Battery:
         """Q_c V crate [W]: times b, the largest power that the letter allows; infinite without its limit."""
         return self.capacity_ah * self.voltage_v * (self.letter_crate_per_h or math.inf)
 
-    def prescribed_soc(self, time_s: float) -> float:
-        """The replayed state of charge: linear between points, the last of two at one time, held at the ends."""
-        return replayed_soc(self.replay, time_s)
-
     @property
     def replay(self) -> list[float]:
-        """The trace as `replayed_soc` takes it."""
+        """The trace as `replayed_soc` takes it: the last of two points at one time counts from there on."""
         return [float(number) for point in self.prescribed for number in point]
 
 

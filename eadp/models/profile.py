@@ -22,6 +22,9 @@ WHOLE = 1e-9
 ARRAYS = ("configurations", "power_w", "std_w", "samples", "standard_error_w")
 """Names of the arrays of a profile, one row for each configuration."""
 
+DEFAULTS = {"std_w": 0.0, "samples": 1.0, "standard_error_w": math.nan}
+"""What is in an array that is not given."""
+
 
 def configuration_text(names: Sequence[str], values: Sequence[float], separator: str = ", ") -> str:
     """A configuration as in `fps=2, keysize=32`."""
@@ -88,15 +91,11 @@ class Profile:
         if points.shape != (n, len(self.names)) or len(self.units) != len(self.names):
             raise ValueError(f"{points.shape} configurations do not fit the names {self.names}")
         order = np.lexsort(points.T[::-1])
-        errors_w = self.standard_error_w if np.size(self.standard_error_w) else np.full(n, np.nan)
-        columns = {
-            "configurations": points,
-            "power_w": np.array(self.power_w, dtype=np.float64),
-            "std_w": np.array(self.std_w if np.size(self.std_w) else np.zeros(n), dtype=np.float64),
-            "samples": np.array(self.samples if np.size(self.samples) else np.ones(n), dtype=np.int64),
-            "standard_error_w": np.array(errors_w, dtype=np.float64),
-        }
-        for name, column in columns.items():
+        for name in ARRAYS:
+            given = getattr(self, name)
+            if name in DEFAULTS and not np.size(given):
+                given = np.full(n, DEFAULTS[name])
+            column = np.array(given, dtype=np.int64 if name == "samples" else np.float64)
             if len(column) != n:
                 raise ValueError(f"{len(column)} {name} do not fit {n} configurations")
             column = column[order]

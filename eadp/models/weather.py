@@ -45,11 +45,6 @@ class Wind:
         """The steady wind's vector (east, north) at take-off [m/s]."""
         return self.steady_at_mps(0.0)
 
-    @property
-    def steady_speed_mps(self) -> float:
-        """The steady wind's speed at take-off [m/s]: as stated where it does not change."""
-        return math.hypot(*self.steady_mps) if self.profile else self.speed_mps
-
     def steady_at_mps(self, time_s: float) -> tuple[float, float]:
         """The steady wind's vector (east, north) at a time [s], in m/s."""
         if not self.profile:

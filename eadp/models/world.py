@@ -11,7 +11,6 @@ from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import Computing
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Stage
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Sensors, Wind
 
@@ -61,10 +60,6 @@ class World:
     sensors: Sensors = field(default_factory=Sensors)
     way_home: WayHome | None = None
     """Where the aircraft flies when the planner gives the plan up, and how."""
-
-    def computing_w(self, parameters: Vector, stage: Stage) -> float:
-        """Power of the computations [W]; raises Infeasible as `Computing.power_w`."""
-        return self.computing.power_w(parameters, stage.sets)
 
 
 class Step(NamedTuple):

@@ -8,18 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, MutableSequence, Sequence
-from dataclasses import replace
 from typing import Any
 
 from eadp.core.expressions.derivatives import Jet
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose
 from eadp.core.guidance import GRAVITY_MPS2, heading_rate_radps, normalised_jet, wind_factor
-from eadp.models.airspace import WayHome
-from eadp.models.plan.cursor import PlanCursor
-from eadp.models.plan.pieces import piece_stages
-from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Box
 from eadp.models.vehicle import Airframe, FixedWing, Guidance, PaperVehicle, PowerCurve
 from eadp.models.weather import Wind
 
@@ -308,27 +301,3 @@ def advance_gust(s: State, c: Constants, noise: Sequence[float]) -> None:
     s[GUST_X] = c[GUST_KEPT] * s[GUST_X] + c[GUST_NEW] * noise[left - 1]
     s[GUST_Y] = c[GUST_KEPT] * s[GUST_Y] + c[GUST_NEW] * noise[left - 2]
     s[NOISE_LEFT] -= 2
-
-
-def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
-    """A plan of a turn and a straight line home, round what is in the way, and of what ends it.
-
-    Parameters
-    ----------
-    cursor : PlanCursor
-        Where the flight was in its plan: path parameters and the stage's airspeed stay as they are, and its altitude,
-        unless the way home has one.
-    pose : (float, float, float)
-        Where the aircraft is [m] and its heading [rad].
-    way_home : WayHome
-    """
-    plan = cursor.table.plan
-    rho = plan.path_count  # the first parameters are the path's, the others the computations'
-    lowest = [plan.hull(i).lo for i in range(rho, len(cursor.parameters))]
-    sets = tuple(Box(value, value) for value in (*cursor.parameters[:rho], *lowest))
-    altitude_m = cursor.stage.altitude_m if way_home.altitude_m is None else way_home.altitude_m
-    like = replace(cursor.stage, sets=sets, altitude_m=altitude_m)
-    stages = piece_stages(way_home.pieces(pose), like, 1)
-    legs = () if way_home.landing is None else way_home.landing.legs
-    down = [replace(leg.stage, index=len(stages) + k, segment=None, sets=sets) for k, leg in enumerate(legs, 1)]
-    return Plan(plan.name, (*stages, *down), rho, plan.computations, trigger_radius_m=plan.trigger_radius_m)

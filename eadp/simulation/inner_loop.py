@@ -268,7 +268,7 @@ class InnerLoop:
         s: Any = [*state, *[0.0] * (STATE - AIRCRAFT_STATE)]
         s[GUST_X], s[GUST_Y] = wind.gust_std_mps * float(first[0]), wind.gust_std_mps * float(first[1])
         s[MIN_POWER], s[MAX_POWER] = math.inf, -math.inf
-        s[SOC] = battery.prescribed_soc(0.0) if battery.prescribed else battery.soc
+        s[SOC] = replayed_soc(battery.replay, 0.0) if battery.prescribed else battery.soc
         c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
         readings, rows = self._zeros(READING * MAX_READINGS), self._zeros(ROW * MAX_ROWS)
         self._records = StepRecords(self._numbers([]), readings, rows)

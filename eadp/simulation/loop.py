@@ -7,7 +7,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,13 @@ from eadp.models.airspace import Entry
 from eadp.models.battery import CUT_OFF
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.pieces import piece_stages
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box
 from eadp.models.world import Step, World
 from eadp.planning.base import Decision, DecisionRecord, Observation, Readings, Sample
 from eadp.planning.registry import PlannedFlight
-from eadp.simulation.aircraft import AIRSPEED, ALTITUDE, HEADING, X, Y, constants_of, home_plan, state_of
+from eadp.simulation.aircraft import AIRSPEED, ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.inner_loop import (
     DISTANCE,
     EMPTY,
@@ -108,17 +111,17 @@ class _Flight:
             world.wind,
             np.random.default_rng(world.seed),
         )
-        self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
+        self._planner, self._bridge = flight.planner, _PlannerBridge(world, flight, self._inner_loop, outcome)
         self._drops = _losses(world)
         self._loss_steps = list(self._drops)
-        computing_w = world.computing_w(executor.parameters, executor.stage)
+        computing_w = world.computing.power_w(executor.parameters, executor.stage.sets)
         self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, computing_w)
         outcome.parameters = self._log
         self._inner_loop.start_stage(executor, computing_w)
         self._parameters = executor.parameters  # in force
         # the number of the plan's stage, which on the way home stays the last one flown
         self._plan_stage, self._stages_started = executor.stage.index, executor.stages_started
-        self._returning = False
+        self._home_as: str | None = None  # on the way home, the reason with which the flight ends there
         self._track: list[Step] = []  # what is checked for obstacles
         self._k, self._next_update = 0, 1  # the last step flown, and the step at which the planner is due
 
@@ -135,7 +138,7 @@ class _Flight:
             k, failed = self._k, events & (LOST | EMPTY | SAGS)
             # whether the planner is updated at step k: it is due, or a loss is measured
             measures = k - bridge.late in self._drops
-            due = (k >= self._next_update or measures) and not self._returning and not failed
+            due = (k >= self._next_update or measures) and self._home_as is None and not failed
             # where an update is due, the readings of step k are part of its observation, and the row of step k has what
             # is estimated after it: both wait
             before = k - 1 if due else k
@@ -184,36 +187,49 @@ class _Flight:
         variable = self._inner_loop.variable
         return variable(X), variable(Y), variable(HEADING)
 
+    @property
+    def _time_s(self) -> float:
+        """The time after the last step flown [s]."""
+        return self._k * self._world.clock.step_s
+
     def _hand_over(self, events: int, end: int, *, due: bool) -> str | None:
         """Hand events and the planner's decision to the plan, and what is to be flown now to the inner loop.
 
         Sets when the planner is updated next; `due` is whether it was at this step, and `end` the last step. Returns
         why the flight ends; None where it goes on.
         """
-        executor, way_home = self._executor, self._world.way_home
         try:
-            changed = executor.handle(events, *self._pose()[:2]) if events else False
-            # at the end of a plan that does not land an autopilot returns, by the way home
-            if executor.complete and not self._returning and way_home is not None and way_home.circle_radius_m:
-                self._return()
+            changed = bool(events) and self._executor.handle(events, *self._pose()[:2])
+            if self._executor.complete:
+                if self._home_as is not None or not self._returns_after_plan():
+                    return self._home_as or COMPLETED
+                self._fly_home(COMPLETED)
                 changed = True
-            elif executor.complete:
-                return COMPLETED if self._outcome.turned_back_s is None else RETURNED
-            if changed and not self._returning:
-                self._outcome.stage_times_s.append(self._k * self._world.clock.step_s)
-            if not self._returning:
+            if self._home_as is None:
+                if changed:
+                    self._outcome.stage_times_s.append(self._time_s)
                 changed |= self._decide()
         except EadpError as error:
             return str(error)
         if changed:
             self._start_flown()
-        if self._returning:
-            self._next_update = end
-        elif changed:
-            self._next_update = self._k + 1  # the planner is updated at once with a new stage or its decision in force
-        elif due:
-            self._next_update = max(self._k + 1, step_at(self._bridge.next_update_s, self._world.clock.step_s, end))
+        self._next_update = self._next_update_step(end, changed=changed, due=due)
         return None
+
+    def _returns_after_plan(self) -> bool:
+        """Whether an autopilot flies, which returns by the way home at the end of a plan that does not land."""
+        way_home = self._world.way_home
+        return way_home is not None and way_home.circle_radius_m > 0
+
+    def _next_update_step(self, end: int, *, changed: bool, due: bool) -> int:
+        """The step at which the planner is updated next: at once after a change, so with a new stage in force."""
+        if self._home_as is not None:
+            return end
+        if changed:
+            return self._k + 1
+        if due:
+            return max(self._k + 1, step_at(self._planner.next_update_s, self._world.clock.step_s, end))
+        return self._next_update
 
     def _decide(self) -> bool:
         """Put the planner's new decision in force, or turn home; return whether that changes what is flown."""
@@ -221,24 +237,26 @@ class _Flight:
         if decision is None:
             return False
         if decision.returns_home:
-            self._outcome.turned_back_s = self._k * self._world.clock.step_s
-            self._outcome.turned_back_m = self._pose()[:2]
-            self._return()
+            self._outcome.turned_back_s, self._outcome.turned_back_m = self._time_s, self._pose()[:2]
+            self._fly_home(RETURNED)
             return True
         return self._executor.decide(decision.parameters, self._pose()[:2], decision.airspeeds_mps)
 
-    def _return(self) -> None:
-        """Fly home from here on."""
-        self._executor = _turned_back(self._world, self._executor, self._pose())
-        self._returning = True
+    def _fly_home(self, home_as: str) -> None:
+        """Fly home from here on, with the computations at their lowest; the flight ends there with a reason."""
+        world, pose = self._world, self._pose()
+        plan = _home_plan(world, self._executor.cursor, pose)
+        lowest = tuple(box.lo for box in plan.stages[0].sets)
+        cursor = PlanCursor.start(plan, lowest, Rules(box_triggers=world.rules.box_triggers))
+        self._executor, self._home_as = PlanExecutor(cursor, pose[:2]), home_as
 
     def _start_flown(self) -> None:
         """Start what the executor flies now in the inner loop and in the log: another stage, or other parameters."""
-        executor, time_s = self._executor, self._k * self._world.clock.step_s
+        executor, time_s = self._executor, self._time_s
         self._parameters = executor.parameters
-        computing_w = self._world.computing_w(executor.parameters, executor.stage)
+        computing_w = self._world.computing.power_w(executor.parameters, executor.stage.sets)
         self._inner_loop.start_stage(executor, computing_w)
-        if self._returning:  # the plan was given up
+        if self._home_as is not None:  # the plan was given up, or is over
             self._log.give_up(time_s, executor.parameters, executor.stage.sets, computing_w)
             return
         started, self._stages_started = executor.stages_started != self._stages_started, executor.stages_started
@@ -269,7 +287,7 @@ class _Flight:
 
     def _close(self, reason: str) -> None:
         """Fill in the outcome of a flight that has ended."""
-        variable, outcome, time_s = self._inner_loop.variable, self._outcome, self._k * self._world.clock.step_s
+        variable, outcome, time_s = self._inner_loop.variable, self._outcome, self._time_s
         # the inner loop sums power and ground speed over the steps
         outcome.energy_j = variable(ENERGY) * self._world.clock.step_s
         outcome.distance_m = variable(DISTANCE) * self._world.clock.step_s
@@ -290,12 +308,22 @@ class _Flight:
         outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
 
 
-def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecutor:
-    """The executor of the flight home from a pose, with the computations at their lowest."""
-    assert world.way_home is not None
-    plan = home_plan(executor.cursor, pose, world.way_home)
-    lowest = tuple(box.lo for box in plan.stages[0].sets)
-    return PlanExecutor(PlanCursor.start(plan, lowest, Rules(box_triggers=world.rules.box_triggers)), pose[:2])
+def _home_plan(world: World, cursor: PlanCursor, pose: Pose) -> Plan:
+    """A plan of a turn and a straight line home from a pose, round what is in the way, and of what ends it.
+
+    The path parameters and the airspeed of the stage at the cursor stay, and its altitude, unless the way has one.
+    """
+    plan, way_home = cursor.table.plan, world.way_home
+    assert way_home is not None
+    rho = plan.path_count  # the first parameters are the path's, the others the computations'
+    lowest = [plan.hull(i).lo for i in range(rho, len(cursor.parameters))]
+    sets = tuple(Box(value, value) for value in (*cursor.parameters[:rho], *lowest))
+    altitude_m = cursor.stage.altitude_m if way_home.altitude_m is None else way_home.altitude_m
+    like = replace(cursor.stage, sets=sets, altitude_m=altitude_m)
+    stages = piece_stages(way_home.pieces(pose), like, 1)
+    legs = () if way_home.landing is None else way_home.landing.legs
+    down = [replace(leg.stage, index=len(stages) + k, segment=None, sets=sets) for k, leg in enumerate(legs, 1)]
+    return Plan(plan.name, (*stages, *down), rho, plan.computations, trigger_radius_m=plan.trigger_radius_m)
 
 
 class _PlannerBridge:
@@ -318,11 +346,6 @@ class _PlannerBridge:
         self.logged_to = -1
         """The last step logged."""
         self._decided = flight.decision  # the last decision given out
-
-    @property
-    def next_update_s(self) -> float:
-        """When the planner is due [s]."""
-        return self._flight.planner.next_update_s
 
     def new_decision(self) -> Decision | None:
         """The planner's decision, once; None where nothing was decided since."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 from collections.abc import MutableSequence, Sequence
 
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import CIRCLE, LINE, CircleTrack, LineTrack, Point, project, tangent
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Vector
+from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Vector, cursors
 from eadp.models.plan.stage import Stage
 
 FIRED, ENDED = 1, 2
@@ -384,12 +385,8 @@ class PlanExecutor:
         """
         if not 1 <= index <= len(self.cursor.table.plan.stages):
             return None
-        cursor = self.cursor.next()
-        for count in range(1, LAP_LIMIT):
-            if cursor is None or cursor.stage.index == index:
-                return None if cursor is None else count
-            cursor = cursor.next()
-        return None
+        ahead = itertools.islice(cursors(self.cursor), 1, LAP_LIMIT)
+        return next((count for count, cursor in enumerate(ahead, 1) if cursor.stage.index == index), None)
 
     def _change(self, cursor: PlanCursor, position: Point) -> bool:
         before, self.cursor = self.cursor, cursor

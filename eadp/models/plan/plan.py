@@ -215,13 +215,12 @@ class Plan:
         """Values of parameters by name, of those by name or title; names that the plan does not know stay."""
         found = {}
         for key, value in values.items():
-            i = self.parameter(key)
-            item = None if i is None else self.parameters[i]
-            if i is None or item is None:
+            if (i := self.parameter(key)) is None:
                 found[key] = value
-            else:
-                by_title = key != item.name and self.has_sets
-                found[item.name] = item.of_shown(value, self.hull(i)) if by_title else value
+                continue
+            item = self.parameters[i]
+            by_title = key != item.name and self.has_sets
+            found[item.name] = item.of_shown(value, self.hull(i)) if by_title else value
         return found
 
     def shown(self, values: Mapping[str, float]) -> dict[str, float]:

@@ -57,6 +57,11 @@ class Segment:
         """Whether the segment is flown lap by lap."""
         return self.until is not None
 
+    @cached_property
+    def _changing(self) -> list[tuple[LoopVariable, Expression]]:
+        """The loop variables that change from lap to lap, and their increments."""
+        return [(q, q.shift) for q in self.variables if q.shift is not None]
+
     def dependent(self, name: str) -> set[str]:
         """A parameter, and the loop variables whose formula depends on it, through formulas of formulas."""
         found = {name}
@@ -74,7 +79,7 @@ class Segment:
             If a first value is no finite real number; so do the other methods for what they evaluate.
         """
         values = named(parameters)
-        return tuple([q.first.value(values) for q in self.variables if q.shift is not None])
+        return tuple([q.first.value(values) for q, _ in self._changing])
 
     def values(self, parameters: Sequence[float], state: State) -> Mapping[str, float]:
         """Every loop variable's value in a lap."""
@@ -86,8 +91,7 @@ class Segment:
     def next(self, parameters: Sequence[float], state: State) -> State:
         """The state of the next lap."""
         known = self._known(parameters, state)
-        changing = [q for q in self.variables if q.shift is not None]
-        return tuple([value + q.shift.value(known) for q, value in zip(changing, state, strict=True) if q.shift])
+        return tuple([value + shift.value(known) for (_, shift), value in zip(self._changing, state, strict=True)])
 
     def over(self, parameters: Sequence[float], state: State) -> bool:
         """Whether no further lap is to be flown."""
@@ -107,7 +111,7 @@ class Segment:
         ExpressionError
             If formulas of formulas grow too large.
         """
-        return self.formulas({q.name: q.first for q in self.variables if q.shift is not None})
+        return self.formulas({q.name: q.first for q, _ in self._changing})
 
     def formulas(self, known: Mapping[str, Expression]) -> dict[str, Expression]:
         """`known`, and every formula with what is known and the formulas above it substituted.
@@ -126,8 +130,7 @@ class Segment:
     def _known(self, parameters: Sequence[float], state: State) -> dict[str, float]:
         """Every name's value: parameters, then what changes from lap to lap, then formulas in their order."""
         known = named(parameters)
-        changing = [q.name for q in self.variables if q.shift is not None]
-        known.update(zip(changing, state, strict=True))
+        known.update(zip([q.name for q, _ in self._changing], state, strict=True))
         for q in self.variables:
             if q.shift is None:
                 known[q.name] = q.first.value(known)

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from eadp.core.flight import replayed_soc
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle import read_vehicle
 from eadp.models.battery import CELL_V, CURRENT, CUT_OFF, DELIVERABLE, LIMITS, VOLTAGE_STEP_V, Battery
@@ -19,7 +20,7 @@ TRACE = Battery(prescribed=((0, 1.0), (10, 0.9), (10, 0.8), (20, 0.4)))
     ("time_s", "soc"), [(-1, 1.0), (0, 1.0), (5, 0.95), (9.999, 0.90001), (10, 0.8), (15, 0.6), (20, 0.4), (99, 0.4)]
 )
 def test_a_trace_is_linear_with_steps_and_held_after_its_end(time_s, soc):
-    assert TRACE.prescribed_soc(time_s) == pytest.approx(soc)
+    assert replayed_soc(TRACE.replay, time_s) == pytest.approx(soc)
 
 
 def test_the_largest_power_allowed_has_its_unit():
