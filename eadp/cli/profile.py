@@ -91,9 +91,7 @@ def command(
     profile, warnings = read_profile(files, names, configurations=configurations, interpolation=kind, columns=columns)
     values, clamped = powers_at(profile, at, model.clamp)
     if model.plot:
-        from eadp.io.figures.profile import write_profile_figure
-
-        write_profile_figure(model.plot, profile)
+        plug_in("charts", "profile")(model.plot, profile)
     if output:
         write_text(output, profile_yaml(profile))
     warn(warnings + clamped)
