@@ -199,16 +199,11 @@ STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 Model = TypeVar("Model")
 _EXPECTED = {
     "float_type": "a number",
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
     "bool_type": "true or false",
     "string_type": "a text",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "model_type": "a mapping of keys",
-    "dict_type": "a mapping of keys",
-    "mapping_type": "a mapping of keys",
-    "dataclass_type": "a mapping of keys",
+    **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    **dict.fromkeys(("model_type", "dict_type", "mapping_type", "dataclass_type"), "a mapping of keys"),
 }
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 SUGGESTIONS = 100
