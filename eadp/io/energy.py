@@ -10,7 +10,7 @@ from pydantic_core import to_jsonable_python
 
 from eadp.errors import InputError
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import STRICT, read_yaml, validated, yaml_text
+from eadp.io.text.yaml import STRICT, keys_document, validated, yaml_text
 from eadp.models.energy import Coefficients, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
@@ -95,9 +95,7 @@ def parse_energy(text: Text) -> EnergyModel:
     InputError
         With the faults of the file.
     """
-    document = read_yaml(text)
-    if not isinstance(document.value, dict) or document.value.get("schema") != SCHEMA:
-        raise InputError(document.fault(("schema",), "not an energy model", f"schema: {SCHEMA}"))
+    document = keys_document(text, SCHEMA)
     content = validated(EnergyFile, document, document.value)
     if content.period_s is None and content.harmonics:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
