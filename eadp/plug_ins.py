@@ -20,7 +20,7 @@
 | `page` | `place`, `check`, `html` | where the page of a result goes, whether it may, and its text |
 | `pages` | any | a `PageSource`: what `eadp report` makes pages of |
 | `results` | `flight` | reads the folder of a flight again |
-| `charts` | `periodogram` | what a figure of another room draws into its axes |
+| `charts` | `periodogram`, `profile` | what a figure of another room draws into its axes; the figure of a profile |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `batteries` | of `battery.chemistry` | a function: open-circuit voltage of a cell [V] of the state of charge, 0 to 1 |
@@ -84,7 +84,10 @@ OWN: dict[str, dict[str, str]] = {
         "sweep": "eadp.sweep.page:PAGE",
     },
     "results": {"flight": "eadp.report.report:read_folder"},
-    "charts": {"periodogram": "eadp.measure.figures:draw_periodogram"},
+    "charts": {
+        "periodogram": "eadp.measure.figures:draw_periodogram",
+        "profile": "eadp.measure.figures:write_profile_figure",
+    },
     "planners": {
         "static": "eadp.planning.registry:Planner",
         "paper": "eadp.papers.planner:PaperPlanner",

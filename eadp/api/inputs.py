@@ -212,7 +212,7 @@ def load_flight(
     start = _start(flown, plan_source, setting, parameters)
     _check_aircraft(flown, plan_source, setting)
     _check_battery(setting, computing.power_w(parameters, flown.stages[0].sets))
-    forecast_s, overshot = _nominal_s(flown, parameters, setting, start[0])
+    forecast_s, overshot = _nominal_s(flown, parameters, setting, start.position_m)
     world = _world(flown, computing, setting, parameters, start, forecast_s)
     _check_names(flown, setting)
     warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshot, MOST)]
@@ -271,31 +271,25 @@ def _named(plan: Plan, text: Text, profile: Profile | None, scenario: Scenario) 
 
 
 def _world(
-    plan: Plan,
-    computing: Computing,
-    scenario: Scenario,
-    parameters: Vector,
-    start: tuple[Point, float],
-    forecast_s: float,
+    plan: Plan, computing: Computing, scenario: Scenario, parameters: Vector, start: TakeOff, forecast_s: float
 ) -> World:
-    keys, (start_m, heading_rad) = scenario.keys, start
-    vehicle = keys.vehicle.airframe
+    keys = scenario.keys
     limit_s = keys.time_limit_s or (LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S)
     return World(
         plan=plan,
         computing=computing,
-        vehicle=vehicle,
+        vehicle=keys.vehicle.airframe,
         guidance=keys.guidance,
         wind=keys.wind,
         battery=keys.battery,
         faults=keys.faults,
-        start=TakeOff(start_m, heading_rad, _altitude_m(plan, scenario, vehicle)),
+        start=start,
         parameters=parameters,
         rules=scenario.rules,
         clock=Timing(keys.step_s, keys.log_every_s, limit_s),
         seed=keys.seed,
         sensors=keys.sensors,
-        way_home=_way_home(plan, scenario, parameters, start_m),
+        way_home=_way_home(plan, scenario, parameters, start.position_m),
     )
 
 
@@ -415,8 +409,9 @@ def _nominal_s(plan: Plan, parameters: Vector, scenario: Scenario, start: Point)
     return float(route.times_s(vehicle.airspeed_mps, wind_mps)[0].sum()) + excess_s, [*found.values()]
 
 
-def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
+def _altitude_m(plan: Plan, scenario: Scenario) -> float:
     """Altitude at the start [m]: as given, else the ground for a take-off or a mission, else the first stage's."""
+    vehicle = scenario.keys.vehicle.airframe
     if scenario.keys.start.altitude_m is not None:
         return scenario.keys.start.altitude_m
     commanded = any(stage.altitude_m is not None for stage in plan.stages)
@@ -527,16 +522,17 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
         raise PathUndefined(f"the path of stage {stage.index} {error}") from None
 
 
-def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
-    """Position and heading at the start of the flight."""
+def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> TakeOff:
+    """Position, heading and altitude at the start of the flight."""
     stage = plan.stages[0]
     start, heading = scenario.position_m("start", plan.site.origin_deg), scenario.keys.start.heading_rad
     try:
         usual, usual_heading = default_start(plan, parameters)
     except PathUndefined as error:
         raise InputError.at(text.name, stage.line, 1, f"stage 1: {error}", "a path that can be joined") from None
+    altitude_m = _altitude_m(plan, scenario)
     if start is None:
-        return usual, usual_heading if heading is None else heading
+        return TakeOff(usual, usual_heading if heading is None else heading, altitude_m)
     try:
         jet = stage.path_at(parameters)(*start)
         if not all(math.isfinite(value) for value in jet):
@@ -550,4 +546,4 @@ def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tu
         dx = -stage.sense * gy - stage.gain * phi * gx
         dy = stage.sense * gx - stage.gain * phi * gy
         heading = math.atan2(dy, dx) if dx or dy else usual_heading
-    return start, heading
+    return TakeOff(start, heading, altitude_m)

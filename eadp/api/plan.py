@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -122,7 +121,7 @@ def _read(
     min_radius_m: float | None = None,
     laps: int | None = None,
     terrain: Sequence[str] = (),
-    changes: Mapping[str, File | None] = MappingProxyType({}),
+    changes: Mapping[str, File | None] | None = None,
 ) -> CheckedPlan:
     """A plan or a mission, changed by files, and what was found: also what is flown where it turns too tightly."""
     ground = plug_in("grounds", "files")(terrain) if terrain else None
@@ -136,7 +135,7 @@ def _read(
         if is_tight(plan, reader.turn_radius_m):
             findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]
     notes: list[Fault] = []
-    for name, file in changes.items():
+    for name, file in (changes or {}).items():
         if file is not None:
             plan, more = plug_in("plan_changes", name)(plan, file)
             notes += more

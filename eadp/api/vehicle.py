@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from eadp.api.given import File, Warn, python_warnings
 from eadp.io.profile import model_file
 from eadp.io.text.streams import read_text
-from eadp.io.text.yaml import keys_document
-from eadp.io.vehicle import SCHEMA, VehicleFile, vehicle_of
+from eadp.io.vehicle import VehicleFile, read_vehicle
 from eadp.models.performance import Performance, performance
 from eadp.models.profile import Profile
 
@@ -62,8 +61,7 @@ def vehicle(
     InputError
         With the faults of the file.
     """
-    keys = keys_document(read_text(str(file)), SCHEMA)
-    found = vehicle_of(keys)
+    found = read_vehicle(read_text(str(file)))
     return found, performance(
         found.airframe, found.battery, winds_mps, computing_w=computing_w, reserve_soc=reserve_soc
     )

@@ -205,9 +205,7 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
             for item, box in zip(plan.parameters, stage.sets, strict=False)
         ],
     }
-    settings: Any = {key: value for key in STAGE_SETTINGS if (value := getattr(stage, key)) not in (None, ())}
-    result.update(settings)
-    return result
+    return result | {key: value for key in STAGE_SETTINGS if (value := getattr(stage, key)) not in (None, ())}
 
 
 def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:

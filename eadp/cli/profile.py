@@ -11,9 +11,10 @@ from typer import Argument, Option
 
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
-from eadp.io.profile.measurements import MeasureOptions, PowerColumns
+from eadp.io.profile.measurements import MeasureOptions, PowerColumns, parse_configuration
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, option_name
+from eadp.io.text.streams import write_text
 from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
@@ -72,9 +73,7 @@ def command(
 
     Measure them: eadp profile --measure --config fps=2,4,6 -o measured.csv -- ./detect --rate {fps}
     """
-    from eadp.io.profile.measurements import parse_configuration
     from eadp.io.profile.model_file import powers_at, profile_document, profile_yaml, read_profile
-    from eadp.io.text.streams import write_text
 
     if measure:
         asked = {**vars(model), **vars(columns)}
@@ -91,9 +90,7 @@ def command(
     profile, warnings = read_profile(files, names, configurations=configurations, interpolation=kind, columns=columns)
     values, clamped = powers_at(profile, at, model.clamp)
     if model.plot:
-        from eadp.io.figures.profile import write_profile_figure
-
-        write_profile_figure(model.plot, profile)
+        plug_in("charts", "profile")(model.plot, profile)
     if output:
         write_text(output, profile_yaml(profile))
     warn(warnings + clamped)
@@ -110,8 +107,6 @@ def _refuse(options: list[str], where: str) -> None:
 
 def _measure(command: list[str], options: MeasureOptions, output: str) -> int:
     """Measure and write the CSV; the results are noted on stderr."""
-    from eadp.io.text.streams import write_text
-
     progress = Progress("measuring")
     try:
         table, notes = plug_in("measurers", "command")(command, options, lambda note: warn([note]), progress.show)

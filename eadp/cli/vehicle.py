@@ -60,7 +60,7 @@ def command(
     winds = _winds(options.wind)
     vehicle, found = use_case.vehicle(file, winds, computing_w=computing, reserve_soc=reserve)
     if options.plot:
-        from eadp.io.figures.profile import write_vehicle_figure
+        from eadp.io.figures.vehicle import write_vehicle_figure
 
         write_vehicle_figure(options.plot, vehicle.name, vehicle.airframe, found, computing)
     if options.format == "json":

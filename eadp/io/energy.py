@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from eadp.errors import InputError
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import STRICT, read_yaml, validated, yaml_text
+from eadp.io.text.yaml import STRICT, keys_document, validated, yaml_text
 from eadp.models.energy import Coefficients, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
@@ -20,14 +20,16 @@ _Deviation = Annotated[float, Field(ge=0, le=1e9)]
 _Seconds = Annotated[float, Field(gt=0, le=1e9)]
 
 
-class EnergyFile(BaseModel):
+@dataclass(frozen=True, kw_only=True)
+class EnergyFile:
     """Energy model: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample.
 
     `periodic`, `order` and `coefficients` repeat what the other keys give, which are those that count.
     """
 
-    model_config = ConfigDict(title=SCHEMA, use_attribute_docstrings=True, **STRICT)
-    schema_: Annotated[Literal["eadp.energy/1"], Field(alias="schema")]
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.energy/1"]
     """Name and version of the format."""
 
     periodic: bool | None = None
@@ -93,9 +95,7 @@ def parse_energy(text: Text) -> EnergyModel:
     InputError
         With the faults of the file.
     """
-    document = read_yaml(text)
-    if not isinstance(document.value, dict) or document.value.get("schema") != SCHEMA:
-        raise InputError(document.fault(("schema",), "not an energy model", f"schema: {SCHEMA}"))
+    document = keys_document(text, SCHEMA)
     content = validated(EnergyFile, document, document.value)
     if content.period_s is None and content.harmonics:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
@@ -109,8 +109,8 @@ def parse_energy(text: Text) -> EnergyModel:
 
 def energy_document(model: EnergyModel) -> dict[str, Any]:
     """An energy model as the JSON-ready document of its schema, every key written out."""
-    keys = [key for key in EnergyFile.model_fields if hasattr(model, key)]
-    return {"schema": SCHEMA, **to_jsonable_python({key: getattr(model, key) for key in keys})}
+    known = {each.name: getattr(model, each.name) for each in fields(EnergyFile) if hasattr(model, each.name)}
+    return {"schema": SCHEMA, **to_jsonable_python(known)}
 
 
 def energy_yaml(model: EnergyModel) -> str:

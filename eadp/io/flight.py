@@ -82,7 +82,7 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Accou
         rows.append(("home", f"decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m"))
     if endurance is not None and (time_s := endurance["flown"]["time_s"]) is not None:
         rows.append(("endurance", f"{time_s / 60:.1f} min on a full battery, as flown"))
-    rows += [(label_of(name, values), parameter_text(values)) for name, values in summary["parameters"].items()]
+    rows += [(values.get("title") or name, parameter_text(values)) for name, values in summary["parameters"].items()]
     if summary["quality"] is not None:
         ends = "0: widest lines, lowest rates; 1: densest lines, full rates, to the end"
         rows.append(("quality", f"{summary['quality']:.3f} of 1 ({ends})"))
@@ -161,11 +161,6 @@ def airspeeds_text(airspeeds_mps: Sequence[float]) -> str:
     """The least and the greatest of airspeeds, which may be one."""
     low, high = f"{min(airspeeds_mps):.3g}", f"{max(airspeeds_mps):.3g}"
     return f"{low} m/s" if low == high else f"{low} to {high} m/s"
-
-
-def label_of(name: str, values: Mapping[str, Any]) -> str:
-    """What people read for a parameter of `summary.json`: its title where it has one."""
-    return str(values.get("title") or name)
 
 
 def value_of(values: Mapping[str, Any], key: str) -> str:

@@ -68,7 +68,7 @@ def test_an_unknown_name_lists_the_cameras():
         (BODY | {"image_width_px": 4000.5}, r":5:1: error: image_width_px cannot be 4000.5; expected a whole number"),
         ({"picture_interval_s": "quick"}, r":2:1: error: picture_interval_s cannot be 'quick'; expected a number"),
         (BODY | {"image_width_px": 3000, "image_height_px": 4000}, r":5:1: error: pixels of 2.1 by 1.18 µm, by"),
-        ({"schema": "eadp.vehicle/1"}, r".*error: schema cannot be 'eadp.vehicle/1'"),
+        ({"schema": "eadp.vehicle/1"}, r".*error: is a file of eadp.vehicle/1; expected schema: eadp.camera/1"),
     ],
 )
 def test_a_fault_of_a_file_has_its_place(tmp_path, keys, message):

@@ -72,8 +72,7 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         _draw_legs(axes, plan, legs, step, scale / 50)
         ends = [leg.end_m for leg in legs]
         radii = [plan.radius_m(leg.stage) for leg in legs]
-        first = [i for i, leg in enumerate(legs) if leg.lap == 0 and legs[0].lap == 0] or range(len(legs))
-        draw_circles(axes, [ends[i] for i in first], [radii[i] for i in first])
+        draw_circles(axes, ends, radii)
         label = f"trigger, radius {span_text(radii)} m"
         axes.plot(*zip(*ends, strict=True), "x", color="#444", markersize=4, linewidth=0, label=label)
         axes.plot(*legs[0].start_m, **START)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial, reduce
 from typing import Any, NamedTuple
 
@@ -42,13 +42,13 @@ class Header(NamedTuple):
     read : function or None
         Its text as a value; raises ExpressionError. None where the plan's reader does it.
     lines : function
-        The lines of a plan: key and text.
+        The lines of a plan: key and text; none where those of another header have it.
     attribute : str
         Of the plan, or of its `site.`; '' where the value becomes one with others.
     """
 
     read: Callable[[str], Any] | None
-    lines: Callable[[Plan], Iterator[str]]
+    lines: Callable[[Plan], Iterable[str]] = lambda _plan: ()
     attribute: str = ""
 
 
@@ -260,10 +260,6 @@ def _boundary_lines(plan: Plan) -> Iterator[str]:
     return (f"inside {_corners(ring)}" for ring in plan.site.airspace.boundary)
 
 
-def _none(_plan: Plan) -> Iterator[str]:
-    return iter(())
-
-
 # --- the table
 
 
@@ -290,13 +286,13 @@ HEADERS: dict[str, Header] = dict(
     [
         _one("computations", "computations", _computations, _computations_text),
         _one("paths", "titles", None, lambda titles: ", ".join(map(_title_text, titles))),
-        ("sets", Header(_sets, _none)),
+        ("sets", Header(_sets)),
         _metres("trigger-radius", "trigger_radius_m", RADIUS, TRIGGER_RADIUS_M),
         _metres("min-radius", "min_radius_m", RADIUS),
         _one("origin", "site.origin_deg", _origin, lambda origin: " ".join(map(repr, origin))),
         _one("start", "site.start_m", _XY, _texts),
         ("field", Header(_ring, _field_lines)),
-        ("hole", Header(_ring, _none)),
+        ("hole", Header(_ring)),
         _one("field-name", "site.field.name", lambda text: " ".join(text.split()), str, ""),
         _metres("swath", "site.swath_m", RADIUS),
         _one("home", "site.home_m", _XY, lambda home: _corners([home])),

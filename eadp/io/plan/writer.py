@@ -5,12 +5,12 @@ Source: draft 002, Appendix II.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 from eadp.core.expressions.tree import Expression, number_text
 from eadp.errors import InputError
 from eadp.io.plan.headers import DEFAULT, HELD, header_lines
+from eadp.io.text.csv import number_fault
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PointExpression, Segment, Stage
 
@@ -94,12 +94,9 @@ def parameters_of(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
         index = plan.parameter(name.strip())
         if index is None:
             raise _fault(raw, f"no parameter {name.strip()}", plan.expected_name(name.strip()))
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise _fault(raw, f"{number or 'nothing'} is not a number", "as in c1=-500", len(name) + 2)
+        if wrong := number_fault(number.strip()):
+            raise _fault(raw, *wrong, len(name) + 2)
+        value = float(number)
         item = plan.parameters[index]
         by_title = name.strip() != item.name and item.stands_for is not None
         if plan.has_sets:

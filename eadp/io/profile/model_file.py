@@ -25,7 +25,7 @@ from eadp.io.profile.measurements import (
     read_measurements,
 )
 from eadp.io.text.streams import Text, read_text
-from eadp.io.text.yaml import STRICT, Document, Path, read_yaml, validated, yaml_text
+from eadp.io.text.yaml import STRICT, Document, Path, keys_document, validated, yaml_text
 from eadp.models.profile import ARRAYS, Profile, configuration_text, shortest
 from eadp.plug_ins import plug_in
 
@@ -191,11 +191,8 @@ class ProfileFile:
 
 def _read_model(text: Text) -> Profile:
     """A model."""
-    document = read_yaml(text)
-    value = document.value
-    if not isinstance(value, dict) or value.get("schema") != SCHEMA:
-        raise InputError(document.fault(("schema",), "not the model of a profile", f"schema: {SCHEMA}"))
-    content = validated(ProfileFile, document, value)
+    document = keys_document(text, SCHEMA)
+    content = validated(ProfileFile, document, document.value)
     refuse(_faults(document, content))
 
     points = content.points

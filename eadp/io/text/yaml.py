@@ -199,16 +199,11 @@ STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 Model = TypeVar("Model")
 _EXPECTED = {
     "float_type": "a number",
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
     "bool_type": "true or false",
     "string_type": "a text",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "model_type": "a mapping of keys",
-    "dict_type": "a mapping of keys",
-    "mapping_type": "a mapping of keys",
-    "dataclass_type": "a mapping of keys",
+    **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    **dict.fromkeys(("model_type", "dict_type", "mapping_type", "dataclass_type"), "a mapping of keys"),
 }
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 SUGGESTIONS = 100
@@ -240,12 +235,12 @@ def schema_of(model: Any) -> dict[str, Any]:
 
 
 def keys_document(text: Text, schema: str) -> Document:
-    """A document that is a mapping with a key `schema`; its keys are not yet checked.
+    """A document that is a mapping with a key `schema` of this value; its other keys are not yet checked.
 
     Raises
     ------
     InputError
-        If it is no YAML or no mapping, or has no key `schema`.
+        If it is no YAML or no mapping, or has no such key `schema`.
     """
     document = read_yaml(text)
     if document.value is None:
@@ -254,6 +249,8 @@ def keys_document(text: Text, schema: str) -> Document:
         raise InputError(document.fault((), "is no mapping of keys", f"keys such as schema: {schema}"))
     if "schema" not in document.value:
         raise InputError(document.fault((), "has no key schema", f"schema: {schema}"))
+    if (given := document.value["schema"]) != schema:
+        raise InputError(document.fault(("schema",), f"is a file of {printable(str(given), 60)}", f"schema: {schema}"))
     return document
 
 

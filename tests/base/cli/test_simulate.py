@@ -165,7 +165,6 @@ BAD_SETS = [
     ("bounds={c1: [0, 1]}", "carry sets"),
     ("planner.weights={c5: 1}", "no parameter c5"),
     ("=3", "--set:1:1"),
-    ("time_limit_s=1e9", "steps"),
 ]
 
 

@@ -351,7 +351,7 @@ def test_a_model_is_known_by_its_content_or_its_ending(tmp_path: Path) -> None:
     assert profile_document(parse("# a comment\n\n---\n" + MODEL)) == profile_document(profile)
     assert profile_document(parse(json.dumps(profile_document(profile)))) == profile_document(profile)
     (tmp_path / "m.yaml").write_text("source: s\n")
-    with pytest.raises(InputError, match=r"not the model of a profile; expected schema: eadp\.profile/1"):
+    with pytest.raises(InputError, match=r"has no key schema; expected schema: eadp\.profile/1"):
         read_profile(str(tmp_path / "m.yaml"))
 
 
@@ -365,7 +365,7 @@ def changed(old: str, new: str) -> str:
     [
         (
             changed("eadp.profile/1", "eadp.profile/2"),
-            ["1:1: error: not the model of a profile; expected schema: eadp.profile/1"],
+            ["1:1: error: is a file of eadp.profile/2; expected schema: eadp.profile/1"],
         ),
         (changed("source:", "sauce:"), ["2:1: error: unknown key sauce"]),
         (

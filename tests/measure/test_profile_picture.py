@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from eadp.errors import InputError
-from eadp.io.figures.profile import CURVES, MARKS, _draw, write_profile_figure
+from eadp.measure.figures import CURVES, MARKS, _draw_profile, write_profile_figure
 from eadp.models.profile import Profile
 
 FPS = np.array([[2.0], [4.0], [10.0]])
@@ -26,7 +26,7 @@ SCATTER = Profile(("a", "b"), ("", ""), np.array([[0, 0], [1, 0.1], [0.2, 1], [1
 
 def drawn(profile: Profile) -> Figure:
     figure = Figure()
-    _draw(figure.add_subplot(), profile)
+    _draw_profile(figure.add_subplot(), profile)
     return figure
 
 
