@@ -1,4 +1,4 @@
-"""The guiding vector field against the drafts' matrices, differences, and where it leads."""
+"""The guiding vector field against the drafts' matrices, differences; the drag polar, by hand and by minimisation."""
 
 import math
 
@@ -9,7 +9,18 @@ from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
-from eadp.core.guidance import WIND_FACTOR_LIMIT, heading_rate_radps, normalised_jet, wind_factor
+from eadp.core.guidance import (
+    GRAVITY_MPS2,
+    WIND_FACTOR_LIMIT,
+    drag_n,
+    dynamic_pressure_pa,
+    heading_rate_radps,
+    induced_drag_factor,
+    lift_coefficient,
+    load_factor,
+    normalised_jet,
+    wind_factor,
+)
 
 RADPS = 1e-9
 DIFFERENCE_RADPS = 1e-5
@@ -166,3 +177,25 @@ def test_the_published_sign_of_k_d_leads_nowhere():
     away = flown("line", (60.0, 80.0), 2.0, 1, k_d=-1.0)
     distance = np.abs(3 * away[:, 0] + 4 * away[:, 1] - 10) / 5
     assert distance[-500:].max() > 5
+
+
+speeds = st.floats(6, 60)
+banks = st.floats(-1.2, 1.2)
+
+
+def test_a_wing_worked_out_by_hand():
+    # 20 m/s at sea level: q = 245 Pa; 24.5 N on 0.5 m²: C_L = 0.2; C_D = 0.02 + 0.2²/(π·0.8·5) = 0.023183
+    assert dynamic_pressure_pa(20, 1.225) == pytest.approx(245)
+    assert lift_coefficient(24.5, 20, 0.5, 1.225) == pytest.approx(0.2)
+    assert induced_drag_factor(5, 0.8) == pytest.approx(1 / (4 * math.pi))
+    assert drag_n(24.5, 20, 0.5, 1.225, 0.02, 1 / (4 * math.pi)) == pytest.approx(245 * 0.5 * 0.0231831, rel=1e-5)
+
+
+@given(speeds, banks)
+def test_a_level_turn_balances_weight_and_centripetal_force(speed, bank):
+    # lift n W: its upright part carries the weight, the other part turns: m V ω
+    mass = 1.7
+    turn_rate_radps = GRAVITY_MPS2 * math.tan(bank) / speed
+    lift = load_factor(bank) * mass * GRAVITY_MPS2
+    assert lift * math.cos(bank) == pytest.approx(mass * GRAVITY_MPS2)
+    assert lift * math.sin(bank) == pytest.approx(mass * speed * turn_rate_radps, abs=1e-9)
