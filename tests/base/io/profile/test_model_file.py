@@ -247,10 +247,6 @@ def test_several_files_that_are_refused(
                 "1:13: error: an empty field is no name; expected a header such as fps,power_w",
             ],
         ),
-        (
-            "\x1bfps,\x1bfps,power_w\n",
-            [": error: \\x1bfps is", "1:6: error: the column \\x1bfps stands twice; expected"],
-        ),
         ("a,b,c,d,e,f,g,h,i,power_w\n1,1,1,1,1,1,1,1,1,1\n", ["1:17: error: 9 columns of parameters; expected at"]),
         ("fps,k,power_w\n2,32,5\n6,240,6\n10,448,7\n", ["2:1: error: the configurations are no full grid and lie on"]),
     ],
@@ -260,6 +256,10 @@ def test_what_is_refused_and_where(body: str, faults: list[str]) -> None:
     assert len(found) == len(faults)
     for line, start in zip(found, faults, strict=True):
         assert line.startswith(start)
+
+
+def test_a_name_that_stands_twice_is_escaped() -> None:
+    assert "1:6: error: the column \\x1bfps stands twice; expected each once" in faults_of("\x1bfps,\x1bfps,power_w\n")
 
 
 def test_faults_are_capped_and_the_rest_counted() -> None:
