@@ -29,9 +29,6 @@ def smallest_eigenvalue(matrix):
     return np.linalg.eigvalsh((matrix + matrix.T) / 2).min()
 
 
-# --- update -----------------------------------------------------------------------------------------------------------
-
-
 @given(vectors, covariances(), vectors, numbers, noises)
 def test_covariance_is_the_textbooks(state, covariance, output, measured, noise):
     # K = P Cᵀ (C P Cᵀ + R)⁻¹, q + K (y − C q), (I − K C) P
@@ -63,9 +60,6 @@ def test_a_sure_reading_after_a_vague_prior_stays_positive(prior):
         state, covariance = update(state, covariance, rng.standard_normal(3), 1.0, 1e-6)
         assert smallest_eigenvalue(covariance) >= -1e-15 * prior
         assert covariance == pytest.approx(covariance.T, rel=1e-6, abs=1e-15 * prior)
-
-
-# --- prediction -------------------------------------------------------------------------------------------------------
 
 
 @given(vectors, covariances(), covariances(), st.floats(0.01, 3))

@@ -103,9 +103,6 @@ def test_at_a_critical_point_the_heading_is_kept(k_d):
         assert math.isfinite(heading_rate_radps(path(-45.0 + d, 146.0), 10.0, 5.0, k_e, k_d, 1))
 
 
-# --- the distance to the path to first order --------------------------------------------------------------------------
-
-
 @given(names, coordinate, coordinate, st.sampled_from([1e-3, -1.0, 40.0]))
 def test_a_normalised_path_does_not_depend_on_its_scale(name, x, y, scale):
     text, _ = PATHS[name]
@@ -121,9 +118,6 @@ def test_a_normalised_path_is_the_distance_near_it():
     assert normalised_jet(circle(25.01, 146.0))[0] == pytest.approx(0.01, rel=1e-3)
     assert normalised_jet(line(1.2 + 30, 1.6 + 40))[0] == pytest.approx(50)
     assert normalised_jet(circle(-45.0, 146.0)) == circle(-45.0, 146.0), "nothing to divide by at the centre"
-
-
-# --- wind -------------------------------------------------------------------------------------------------------------
 
 
 @given(angles, angles, st.floats(0, 9.9))
@@ -143,9 +137,6 @@ def test_wind_factor_is_how_much_faster_the_heading_turns(heading, towards, spee
     # ‖ṗ‖ / (s cos(θ − χ)) as 01-model prints it
     course = math.atan2(velocity[1], velocity[0])
     assert wanted == pytest.approx(np.linalg.norm(velocity) / (AIRSPEED_MPS * math.cos(heading - course)), rel=1e-6)
-
-
-# --- where it leads ---------------------------------------------------------------------------------------------------
 
 
 def flown(name, start, heading, sense, *, k_d=1.0, wind=(0.0, 0.0), seconds=60.0, step_s=0.02):
