@@ -164,7 +164,7 @@ def _machine_code(request: pytest.FixtureRequest):
 
 DRAWN = {
     "base/io/figures/test_flight.py", "base/api/test_flight.py", "report/test_flight.py",
-    "test_library_page.py", "test_notebook.py", "test_pictures.py",
+    "test_notebook.py", "test_pictures.py",
 }  # fmt: skip
 """Tests whose subject is a figure or a page of a result folder: elsewhere these are empty files."""
 

@@ -1,7 +1,8 @@
-"""Every cell of docs/notebook.ipynb is run, in order."""
+"""Every cell of docs/notebook.ipynb and every block of docs/library.md is run, in order."""
 
 import ast
 import json
+import re
 
 import pytest
 from common import ROOT
@@ -11,9 +12,8 @@ PAGE = ROOT / "docs/notebook.ipynb"
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.slow
-@pytest.mark.parametrize("folder", ["docs"])
-def test_the_cells_run(monkeypatch, folder):
-    monkeypatch.chdir(ROOT / folder)
+def test_the_cells_run(monkeypatch):
+    monkeypatch.chdir(ROOT / "docs")
     notebook = json.loads(PAGE.read_text(encoding="utf-8"))
     assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
     names: dict[str, object] = {}
@@ -43,3 +43,23 @@ def test_repr_of_what_a_notebook_holds_is_short(monkeypatch):
     plan = flight.inputs.world.plan
     assert repr(plan) == "<Plan survey.plan: 4 stages, parameters spacing, fps>"
     assert "NOT completed: time limit" in repr(flight)
+
+
+LIBRARY = ROOT / "docs/library.md"
+
+
+@pytest.mark.slow
+def test_the_blocks_of_the_page_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    blocks = re.findall(r"```python\n(.*?)```", LIBRARY.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block.replace("runs/", f"{tmp_path}/"), str(LIBRARY), "exec"), names)
+    assert len(blocks) == 9
+    printed = capsys.readouterr().out
+    assert "4 stages" in printed
+    assert "period " in printed
+    assert "wind.speed_mps cannot be -1\n" in printed
+    assert (tmp_path / "notebook/flight.csv").exists()
+    assert (tmp_path / "notebook/path-and-power.png").stat().st_size > 10_000

@@ -198,9 +198,6 @@ def test_bad_cells(eadp, log):
     assert answer.err.startswith("--chemistry:1:1: error: no curve of its voltage is known")
 
 
-# autopilots' logs
-
-
 @pytest.mark.parametrize("made", [ulog, dataflash])
 def test_an_autopilots_log(eadp, tmp_path, made):
     pytest.importorskip("pyulog" if made is ulog else "pymavlink")
@@ -253,9 +250,6 @@ def test_airspeeds_of_logs_become_true(tables):
     found = autopilot_motion(Tables(columns), times)
     assert found[AIRSPEED] == pytest.approx(np.full(4, 15.0), rel=1e-3)
     assert found[DENSITY] == pytest.approx(np.full(4, 1.0065), rel=1e-3)
-
-
-# the independent plant
 
 
 @pytest.mark.slow

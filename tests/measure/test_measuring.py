@@ -206,8 +206,6 @@ def test_what_was_measured_is_read_back(board: Callable[..., Board]) -> None:
     assert mean_text(average([[3.0]])) == "3.0000 W ± 0.0000 W (1 samples, standard deviation unknown)"
 
 
-# the real thing
-
 _CHILD = """
 import os, subprocess, sys
 fifo, grandchild = sys.argv[1:]

@@ -117,8 +117,6 @@ def test_metres_without_an_obstacle_near_are_another_grid():
         read_field(geojson(rings), metres=True)
 
 
-# --- without an area --------------------------------------------------------------------------------------------------
-
 LINE = [(-100.0, 0.0), (0.0, 40.0), (100.0, 0.0)]
 
 
@@ -184,9 +182,6 @@ def test_a_hole_without_an_area_is_an_obstacle(hole):
     with pytest.raises(InputError, match=r"an obstacle of 0.01 m by 0.01 m, if these are metres and not degrees"):
         read_zones(Text("z", small), None, metres=True)
     assert all(Polygon(mast.outline).contains(Point(place).buffer(0.999 * THIN_M)) for place in hole)
-
-
-# --- heights in KML ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

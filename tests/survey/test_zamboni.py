@@ -50,9 +50,6 @@ def flown(plan, draw):
     return stages
 
 
-# --- equations --------------------------------------------------------------------------------------------------------
-
-
 @given(st.integers(1, 4), st.integers(5, 40), st.floats(15, 30), st.floats(0, 1))
 def test_lines_lie_as_far_apart_as_the_letter_says(blocks, lines, pitch, share):
     layout = BlockLayout(blocks, lines, pitch)
@@ -101,9 +98,6 @@ def test_laps_are_saved_in_flight_too():
     assert lines[0] > lines[1] >= lines[2]
 
 
-# --- the ground -------------------------------------------------------------------------------------------------------
-
-
 @given(st.integers(0, 10_000), st.lists(st.floats(0, 1), min_size=1, max_size=20))
 def test_no_gap_at_any_parameter_of_any_lap(seed, shares):
     field = quadrilateral(seed)
@@ -114,9 +108,6 @@ def test_no_gap_at_any_parameter_of_any_lap(seed, shares):
     assert covered(field, legs) >= 0.9999
     for c1 in (0.0, solution.min_c1):
         assert covered(field, solution.path(c1).legs) >= 0.9999
-
-
-# --- the plan ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.quick(2)

@@ -11,9 +11,6 @@ from eadp.exchange.writer import EXPORTS
 MEADOW = ("plans/meadow.geojson", "--min-radius", "30", "--swath", "30")
 
 
-# --- names of files
-
-
 @pytest.mark.parametrize(
     "command",
     [
@@ -36,8 +33,6 @@ def test_outputs_that_no_file_can_be_are_refused_before_any_is_written(eadp, tmp
     assert refused(eadp("cover", *MEADOW, "-o", plan, "--plot", picture), "cannot be written: File name too long")
     assert not plan.exists()
 
-
-# --- settings
 
 SHORT = ("simulate", "plans/survey.plan", "--scenario", "scenarios/survey.yaml", "--set", "time_limit_s=1", "--set")
 PLACED = "%: origin 55.37 10.43\n0.1; 90; x\n0, 400\n"
@@ -91,9 +86,6 @@ def test_what_was_probably_meant(eadp, arguments, code, said):
     assert (answer.err == "") == (said == ""), answer.err
 
 
-# --- places
-
-
 def test_latitude_and_longitude_swapped(eadp, tmp_path):
     plan = tmp_path / "placed.plan"
     plan.write_text(PLACED)
@@ -128,8 +120,6 @@ def test_metres_of_a_grid(eadp, tmp_path):
     home = eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "--metres", "--home", "0,0")
     assert refused(home, "km from the field; expected 50 km or less")
 
-
-# --- texts and tables
 
 LOG = [(0.5 * i, 30 + 5 * math.cos(0.25 * i)) for i in range(400)]
 

@@ -52,8 +52,6 @@ def test_outside_is_refused(run: Run, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-# the page about it
-
 PAGE = (ROOT / "docs" / "profile.md").read_text(encoding="utf-8")
 
 
@@ -63,9 +61,6 @@ def test_the_page_shows_what_comes_out(run: Run, monkeypatch: pytest.MonkeyPatch
     assert blocks
     for command, shown in blocks:
         assert run(*shlex.split(command)) == (0, shown, "")
-
-
-# several files
 
 
 @pytest.mark.parametrize("ending", ["svg", "png"])
@@ -104,6 +99,3 @@ def test_usage_that_is_refused(run: Run, options: list[str], start: str) -> None
     code, out, err = run("profile", PEDNET, *options)
     assert (code, out) == (2, "")
     assert err.startswith(start)
-
-
-# eadp schema

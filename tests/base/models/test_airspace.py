@@ -1,4 +1,4 @@
-"""Where a flight was that it should not have been: against sampling, without shapely."""
+"""Where a flight was that it should not have been: against sampling, without shapely; a field of a coverage problem."""
 
 import itertools
 import math
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from common import few
 
-from eadp.models.airspace import BOUNDARY, Airspace, Obstacle
+from eadp.models.airspace import BOUNDARY, Airspace, Field, Obstacle
 
 SQUARE = ((10.0, 10.0), (20.0, 10.0), (20.0, 20.0), (10.0, 20.0))
 ROOM = ((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0))
@@ -75,3 +75,12 @@ def test_the_top_on_the_ways_home_is_of_obstacles_that_are_crossed():
     beside = np.array([(200.0, 12.0)])
     assert space.top_on_ways_m(beside, (-200.0, 12.0), 1.0) == -math.inf
     assert space.top_on_ways_m(beside, (-200.0, 12.0), 8.0) == 80
+
+
+def test_holes_are_no_part_of_the_area():
+    # a rectangle of 30 × 20 m, less a square of 10 m and a right triangle with legs of 4 and 5 m
+    outline = ((0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (0.0, 20.0))
+    square = ((2.0, 2.0), (2.0, 12.0), (12.0, 12.0), (12.0, 2.0))
+    triangle = ((20.0, 5.0), (20.0, 10.0), (24.0, 5.0))
+    assert Field(outline).area_m2 == 600.0
+    assert Field(outline, (square, triangle)).area_m2 == 600.0 - 100.0 - 10.0

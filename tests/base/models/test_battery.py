@@ -127,9 +127,6 @@ def test_the_letters_limit_shrinks_with_the_charge_and_is_off_by_default():
     assert Battery(resistance_ohm=0.0).power_limit_w(0.5) == Battery().power_per_soc_w == math.inf
 
 
-# --- what is assumed of a pack
-
-
 @pytest.mark.parametrize("name", ["foam-wing", "mapper", "small-wing"])
 def test_the_resistance_that_is_assumed_is_near_to_that_of_known_packs(name):
     known = read_vehicle(read_text(str(ROOT / f"vehicles/{name}.yaml"))).battery

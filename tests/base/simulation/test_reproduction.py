@@ -188,8 +188,6 @@ def test_the_lowest_computations_of_flight_i_give_nine_minutes_an_hour():
     assert endurance["highest"]["time_s"] == pytest.approx(711, abs=1)
 
 
-# --- the page, to the last digit printed
-
 PAGE = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")
 SCENARIOS = {"I": "paper-I-static", "II": "paper-II-static", "i": "paper-i-dynamic", "ii": "paper-ii-dynamic"}
 FIGURES = {

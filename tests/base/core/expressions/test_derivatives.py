@@ -24,8 +24,6 @@ def close(jet):
     return pytest.approx(jet, rel=RELATIVE, abs=ABSOLUTE)
 
 
-# --- oracles ----------------------------------------------------------------------------------------------------------
-
 WORDS = {name: getattr(mpmath, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp")}
 WORDS |= {"log": mpmath.log, "abs": abs, "min": min, "max": max, "pi": mpmath.pi}
 
@@ -43,9 +41,6 @@ def by_differences(text, point=POINT, parameters=C):
         return [float(mpmath.diff(function, where, n) if any(n) else function(*where)) for n in ORDERS]
 
 
-# --- every function and operator --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -59,8 +54,6 @@ def by_differences(text, point=POINT, parameters=C):
 def test_jet_of_each_function(text):
     assert jet_of(text) == close(by_differences(text))
 
-
-# --- generated expressions --------------------------------------------------------------------------------------------
 
 numerals = st.sampled_from(["2.0", "0.5", "3.0", "1.25", "7.0"])
 parts = st.one_of(st.sampled_from(["x", "y", "x", "y", "c1", "c2", "c3"]), numerals)
@@ -122,17 +115,11 @@ def test_the_value_is_that_of_the_expression(text, point):
     assert jet_of(text, point)[0] == pytest.approx(wanted, rel=RELATIVE, abs=ABSOLUTE)
 
 
-# --- one compiled function for one shape ------------------------------------------------------------------------------
-
-
 def test_constants_and_parameters_of_one_path_do_not_reach_another():
     one, other = bind(read_expression("c1*x - 5"), (2.0,)), bind(read_expression("c1*x - 7"), (3.0,))
     assert (one(10, 0)[0], other(10, 0)[0]) == (15, 23)
     again = bind(read_expression("c1*x - 5"), (4.0,))
     assert (again(10, 0)[0], one(10, 0)[0]) == (35, 15)
-
-
-# --- large and deep ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.quick(2)
@@ -150,9 +137,6 @@ def test_the_deepest_expression_that_reads_can_be_flown(before):
         assert len(path(0.5, 0.5)) == 6
     except OverflowError:
         assert before == "2^("
-
-
-# --- where there is no value ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -28,9 +28,6 @@ def largest_w(voltage, resistance):
     return voltage**2 / (4 * resistance)
 
 
-# --- current ----------------------------------------------------------------------------------------------------------
-
-
 @given(voltages, st.floats(0, 0.5), shares)
 def test_what_the_cells_give_is_delivered_or_lost_in_the_resistance(voltage, resistance, share):
     power = share * (1 - 1e-9) * (largest_w(voltage, resistance) if resistance > 1e-6 else 1000)
@@ -65,9 +62,6 @@ def test_slope_by_differences(voltage, resistance, share):
     assert current_slope_a_per_w(np.array([power]), voltage, resistance).shape == (1,)
 
 
-# --- charge -----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("k_b_per_s", "lasts_s"), [(0.00183, 711), (1 / 3600, 4684)])
 def test_how_long_the_papers_battery_lasts(k_b_per_s, lasts_s):
     # 01-model, misprint 14: at 36.4 W
@@ -90,9 +84,6 @@ def test_charge_over_a_flight_by_integration(resistance, mean_w, amplitude_w, pe
 
     ampere_seconds, _ = quad(current, 0, 300, limit=400, epsabs=1e-7)
     assert flown.y[0, -1] == pytest.approx(1 - ampere_seconds / 3600 / 3.2, abs=1e-8)
-
-
-# --- limits -----------------------------------------------------------------------------------------------------------
 
 
 def is_delivered(power, voltage, resistance, max_current_a, cutoff_v):

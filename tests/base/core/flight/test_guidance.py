@@ -1,4 +1,4 @@
-"""The guiding vector field against the drafts' matrices, differences, and where it leads."""
+"""The guiding vector field against the drafts' matrices, differences; the drag polar, by hand and by minimisation."""
 
 import math
 
@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
-from eadp.core.guidance import WIND_FACTOR_LIMIT, heading_rate_radps, normalised_jet, wind_factor
+from eadp.core.guidance import (
+    GRAVITY_MPS2,
+    WIND_FACTOR_LIMIT,
+    drag_n,
+    dynamic_pressure_pa,
+    heading_rate_radps,
+    induced_drag_factor,
+    load_factor,
+    normalised_jet,
+    wind_factor,
+)
 
 RADPS = 1e-9
 DIFFERENCE_RADPS = 1e-5
@@ -92,9 +102,6 @@ def test_at_a_critical_point_the_heading_is_kept(k_d):
         assert math.isfinite(heading_rate_radps(path(-45.0 + d, 146.0), 10.0, 5.0, k_e, k_d, 1))
 
 
-# --- the distance to the path to first order --------------------------------------------------------------------------
-
-
 @given(names, coordinate, coordinate, st.sampled_from([1e-3, -1.0, 40.0]))
 def test_a_normalised_path_does_not_depend_on_its_scale(name, x, y, scale):
     text, _ = PATHS[name]
@@ -110,9 +117,6 @@ def test_a_normalised_path_is_the_distance_near_it():
     assert normalised_jet(circle(25.01, 146.0))[0] == pytest.approx(0.01, rel=1e-3)
     assert normalised_jet(line(1.2 + 30, 1.6 + 40))[0] == pytest.approx(50)
     assert normalised_jet(circle(-45.0, 146.0)) == circle(-45.0, 146.0), "nothing to divide by at the centre"
-
-
-# --- wind -------------------------------------------------------------------------------------------------------------
 
 
 @given(angles, angles, st.floats(0, 9.9))
@@ -132,9 +136,6 @@ def test_wind_factor_is_how_much_faster_the_heading_turns(heading, towards, spee
     # ‖ṗ‖ / (s cos(θ − χ)) as 01-model prints it
     course = math.atan2(velocity[1], velocity[0])
     assert wanted == pytest.approx(np.linalg.norm(velocity) / (AIRSPEED_MPS * math.cos(heading - course)), rel=1e-6)
-
-
-# --- where it leads ---------------------------------------------------------------------------------------------------
 
 
 def flown(name, start, heading, sense, *, k_d=1.0, wind=(0.0, 0.0), seconds=60.0, step_s=0.02):
@@ -166,3 +167,24 @@ def test_the_published_sign_of_k_d_leads_nowhere():
     away = flown("line", (60.0, 80.0), 2.0, 1, k_d=-1.0)
     distance = np.abs(3 * away[:, 0] + 4 * away[:, 1] - 10) / 5
     assert distance[-500:].max() > 5
+
+
+speeds = st.floats(6, 60)
+banks = st.floats(-1.2, 1.2)
+
+
+def test_a_wing_worked_out_by_hand():
+    # 20 m/s at sea level: q = 245 Pa; 24.5 N on 0.5 m²: C_L = 0.2; C_D = 0.02 + 0.2²/(π·0.8·5) = 0.023183
+    assert dynamic_pressure_pa(20, 1.225) == pytest.approx(245)
+    assert induced_drag_factor(5, 0.8) == pytest.approx(1 / (4 * math.pi))
+    assert drag_n(24.5, 20, 0.5, 1.225, 0.02, 1 / (4 * math.pi)) == pytest.approx(245 * 0.5 * 0.0231831, rel=1e-5)
+
+
+@given(speeds, banks)
+def test_a_level_turn_balances_weight_and_centripetal_force(speed, bank):
+    # lift n W: its upright part carries the weight, the other part turns: m V ω
+    mass = 1.7
+    turn_rate_radps = GRAVITY_MPS2 * math.tan(bank) / speed
+    lift = load_factor(bank) * mass * GRAVITY_MPS2
+    assert lift * math.cos(bank) == pytest.approx(mass * GRAVITY_MPS2)
+    assert lift * math.sin(bank) == pytest.approx(mass * speed * turn_rate_radps, abs=1e-9)

@@ -28,8 +28,6 @@ winds = st.tuples(st.floats(-0.65, 0.65), st.floats(-0.65, 0.65))  # of the airs
 AIRSPEED = 18.0
 
 
-# --- oracles ----------------------------------------------------------------------------------------------------------
-
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
@@ -75,9 +73,6 @@ def time_by_triangle(path, airspeed, wind):
         total += quad(lambda s, b=begin, r=rate: pace(b + r * s), 0, length, epsabs=1e-11, epsrel=1e-11, limit=200)[0]
         course += rate * length
     return total
-
-
-# --- paths ------------------------------------------------------------------------------------------------------------
 
 
 @given(st.one_of(st.tuples(poses, poses), st.tuples(near_poses, near_poses)), radii)
@@ -182,9 +177,6 @@ def test_a_radius_that_is_none(radius):
         shortest((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), radius)
 
 
-# --- time in wind -----------------------------------------------------------------------------------------------------
-
-
 @given(near_poses, near_poses, radii, winds)
 def test_time_by_the_wind_triangle(start, end, radius, wind):
     wind = (AIRSPEED * wind[0], AIRSPEED * wind[1])
@@ -232,9 +224,6 @@ def test_a_wind_too_strong(wind):
         flight_time_s(path, AIRSPEED, wind)
     with pytest.raises(Infeasible, match="hold every course"):
         times_s([path.start], [path.end], R, AIRSPEED, wind)
-
-
-# --- to a point -------------------------------------------------------------------------------------------------------
 
 
 @given(poses, st.tuples(thousandths, thousandths), radii)

@@ -1,4 +1,4 @@
-"""The tangent plane: round trips, distances along the axes, and pyproj where it is installed."""
+"""Bearings, worked by hand, and the tangent plane: round trips, distances along the axes, and pyproj if installed."""
 
 import math
 
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
+from eadp.core.geometry.geodesy import blowing_to_rad, compass_deg, heading_rad, to_geodetic_deg, to_local_m
 
 ODENSE = (55.37, 10.43)
 latitudes = st.floats(-89, 89)
@@ -50,3 +50,18 @@ def test_against_pyproj(origin):
         x, y, _ = transformer.transform(longitude, latitude, 0.0)
         assert to_local_m(latitude, longitude, origin) == pytest.approx((x, y), abs=1e-6)
         assert (x, y) == pytest.approx((east, north), abs=MILLIMETRE)
+
+
+NORTH, EAST, SOUTH, WEST = math.pi / 2, 0.0, -math.pi / 2, math.pi
+
+
+@pytest.mark.parametrize(("bearing", "angle"), [(0, NORTH), (90, EAST), (180, SOUTH), (270, WEST), (45, math.pi / 4)])
+def test_headings(bearing, angle):
+    assert compass_deg(angle) == pytest.approx(bearing)
+    assert math.cos(heading_rad(bearing) - angle) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("comes_from", "drifts"), [(270, (1, 0)), (0, (0, -1)), (180, (0, 1)), (90, (-1, 0))])
+def test_a_west_wind_drifts_east(comes_from, drifts):
+    angle = blowing_to_rad(comes_from)
+    assert (math.cos(angle), math.sin(angle)) == pytest.approx(drifts, abs=1e-12)

@@ -30,9 +30,6 @@ def square(x, y, side):
     return ((x, y), (x + side, y), (x + side, y + side), (x, y + side))
 
 
-# --- simplification within a tolerance --------------------------------------------------------------------------------
-
-
 @given(stars(), st.floats(0.1, 50.0))
 def test_vertices_that_are_dropped_lie_within_the_tolerance(ring, tolerance_m):
     kept = [ring.index(vertex) for vertex in simplified(ring, tolerance_m)]
@@ -44,16 +41,10 @@ def test_vertices_that_are_dropped_lie_within_the_tolerance(ring, tolerance_m):
         assert edge.distance(shapely.Point(vertex)) <= tolerance_m * (1 + 1e-9)
 
 
-# --- area -------------------------------------------------------------------------------------------------------------
-
-
 @given(stars())
 def test_area_is_shapelys_with_the_sign_of_the_winding(ring):
     assert signed_area_m2(ring) == pytest.approx(shapely.Polygon(ring).area, rel=1e-12)
     assert signed_area_m2(ring[::-1]) == pytest.approx(-signed_area_m2(ring), rel=1e-12)
-
-
-# --- what makes rings no field ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

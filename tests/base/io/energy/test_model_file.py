@@ -82,33 +82,22 @@ def test_what_can_be_derived_may_be_left_out() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "faults"),
+    ("old", "new", "fault"),
     [
-        ("mean_w: 36.4", "mean_w: .nan", ["3:9: error: .nan is not a finite number; expected a finite number"]),
-        ("mean_w: 36.4", "mean_w: true", ["3:1: error: mean_w cannot be True; expected a number"]),
-        ("mean_w: 36.4\n", "", ["1:1: error: the key mean_w is missing"]),
-        ("period_s: 46", "period_s: 0", ["2:1: error: period_s cannot be 0; expected greater than 0"]),
-        ("mean_w: 36.4", "mean_w: 1\nmean_w: 2", ["4:1: error: the key mean_w stands twice; expected it once"]),
-        (
-            "period_s: 46\nmean_w: 36.4\nharmonics: []",
-            "period_s: null\nmean_w: 3\nharmonics: [{amplitude_w: 1, phase_rad: 0}]",
-            ["4:1: error: harmonics without a period; expected a period_s, or []"],
-        ),
-        (
-            "[]",
-            "[{amplitude_w: -1, phase_rad: 0}]",
-            ["4:14: error: harmonics.0.amplitude_w cannot be -1; expected greater than or equal to 0"],
-        ),
-        (
-            "[]",
-            "[]\namplitude_std_w: [1]",
-            ["5:1: error: 1 standard deviations of amplitudes; expected 0, the number of harmonics, or none"],
-        ),
-        ("energy/1", "profile/1", ["1:1: error: is a file of eadp.profile/1; expected schema: eadp.energy/1"]),
+        ("mean_w: 36.4", "mean_w: .nan", "3:9: error: .nan is not a finite number; expected a finite number"),
+        ("mean_w: 36.4", "mean_w: true", "3:1: error: mean_w cannot be True; expected a number"),
+        ("mean_w: 36.4\n", "", "1:1: error: the key mean_w is missing"),
+        ("period_s: 46", "period_s: 0", "2:1: error: period_s cannot be 0; expected greater than 0"),
+        ("mean_w: 36.4", "mean_w: 1\nmean_w: 2", "4:1: error: the key mean_w stands twice; expected it once"),
+        ("period_s: 46", "period_s: null", "4:1: error: harmonics without a period; expected a period_s, or []"),
+        ("amplitude_w: 1", "amplitude_w: -1", "4:14: error: harmonics.0.amplitude_w cannot be -1; expected greater"),
+        ("}]", "}]\namplitude_std_w: [1, 2]", "5:1: error: 2 standard deviations of amplitudes; expected 1, the num"),
+        ("energy/1", "profile/1", "1:1: error: is a file of eadp.profile/1; expected schema: eadp.energy/1"),
     ],
 )
-def test_faults_and_their_places(old: str, new: str, faults: list[str]) -> None:
-    assert faults_of(MINIMAL.replace(old, new)) == faults
+def test_faults_and_their_places(old: str, new: str, fault: str) -> None:
+    (found,) = faults_of(MINIMAL.replace("[]", "[{amplitude_w: 1, phase_rad: 0}]").replace(old, new))
+    assert found.startswith(fault)
 
 
 @pytest.mark.parametrize("body", ["", "[]", "3", "schema: 1"])

@@ -124,38 +124,20 @@ def test_a_vehicle_may_be_set_and_stand_inline(scenario):
     assert inline.keys.battery.capacity_ah == 1
 
 
-STATED = "{span_m: 2.1, mass_kg: 3.4, airspeed_mps: 17"
+STATED = "data_sheet: {span_m: 2.1, mass_kg: 3.4, airspeed_mps: 17"
 BAD = [
     ("airframe: {mass: 3}", ":2:12: error: unknown key airframe.mass; expected one of model, mass_kg"),
     ("airframe: {throttle_power_w: 3}", ":2:12: error: airframe.throttle_power_w is a key of model paper, not"),
     ("airframe: {model: kite}", ":2:12: error: unknown airframe.model kite; expected one of fixed-wing, paper"),
     ("battery: {voltage_empty_v: 15}", ":2:11: error: battery.voltage_empty_v: 15 V is above voltage_v"),
-    (
-        "battery: {cells: 4, chemistry: nicd}",
-        ":2:21: error: battery.chemistry nicd is none of lipo, lihv, li-ion, lifepo4",
-    ),
+    ("battery: {cells: 4, chemistry: nicd}", ":2:21: error: battery.chemistry nicd is none of lipo, lihv, li-ion,"),
     ("battery: {chemistry: lipo}", ":2:11: error: battery.chemistry without cells"),
-    (
-        "battery: {cells: 4, voltage_v: 16}",
-        ":2:21: error: battery.cells and battery.voltage_v are both given; expected one of the two",
-    ),
-    (f"data_sheet: {STATED}}}", ":2:1: error: data_sheet has no endurance; expected endurance_min or cruise_power_w"),
-    (
-        f"data_sheet: {STATED}, endurance_min: 60}}",
-        ":2:59: error: data_sheet.endurance_min without the pack that it is stated for; expected pack_wh",
-    ),
-    (
-        f"data_sheet: {STATED}, endurance_min: 60, pack_wh: 9000}}",
-        ":2:1: error: data_sheet has 9e+03 W at 17 m/s, of 3.4 kg with a span of 2.1 m, of which such an aircraft",
-    ),
-    (
-        f"airframe: {{model: paper}}\ndata_sheet: {STATED}, cruise_power_w: 100}}",
-        ":3:1: error: data_sheet beside an airframe of model paper; expected one of the two",
-    ),
-    (
-        f"data_sheet: {STATED}, cruise_power_w: 100, endurance_min: 60}}",
-        ":2:1: error: data_sheet has an endurance and a",
-    ),
+    ("battery: {cells: 4, voltage_v: 16}", ":2:21: error: battery.cells and battery.voltage_v are both given; exp"),
+    (f"{STATED}}}", ":2:1: error: data_sheet has no endurance; expected endurance_min or cruise_power_w"),
+    (f"{STATED}, endurance_min: 60}}", ":2:59: error: data_sheet.endurance_min without the pack that it is stated"),
+    (f"{STATED}, endurance_min: 60, pack_wh: 9000}}", ":2:1: error: data_sheet has 9e+03 W at 17 m/s, of 3.4 kg with"),
+    (f"airframe: {{model: paper}}\n{STATED}, cruise_power_w: 9}}", ":3:1: error: data_sheet beside an airframe of mod"),
+    (f"{STATED}, cruise_power_w: 9, endurance_min: 6}}", ":2:1: error: data_sheet has an endurance and a"),
 ]
 
 

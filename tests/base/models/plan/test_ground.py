@@ -49,9 +49,6 @@ def start_of(plan):
     return (35.0, 146.0) if plan.repeats else (10.0, 0.0)
 
 
-# --- what U is to be --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("weights", [{}, {"c1": 5.0}, {"c2": 0.0}])
 def test_the_highest_parameters_throughout_are_1(weights):
     for plan in (survey(), plan_of(TWO_BLOCKS)):
@@ -87,9 +84,6 @@ def test_a_change_that_alters_nothing_flown_earns_nothing(stage, share):
     assert changed.quality({"c2": 0.0}) == pytest.approx(kept.quality({"c2": 0.0}), abs=ALGEBRA)
 
 
-# --- the ground of a mission does not depend on its parameters --------------------------------------------------------
-
-
 def ground_of(plan, start, parameters):
     route = RoutePredictor().route(PlanCursor.start(plan, parameters), start)
     legs = RouteArrays.of([route])
@@ -100,9 +94,6 @@ def test_ground_of_a_mission_is_the_same_over_the_set_of_c1():
     plan = survey()
     found = np.array([ground_of(plan, start_of(plan), parameters_of(plan, share)) for share in np.linspace(0, 1, 41)])
     assert np.abs(found / found.mean() - 1).max() < GROUND
-
-
-# --- the log of a flight ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -139,9 +130,6 @@ def test_a_log_that_is_kept_in_flight_is_the_one_of_the_metrics(seed):
     assert seen > 8
     assert time_s < whole_s
     assert log.quality({}) == pytest.approx(value / total, abs=ALGEBRA)
-
-
-# --- parts ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])

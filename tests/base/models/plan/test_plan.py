@@ -1,15 +1,22 @@
-"""Boxes, stages and plans: what they answer about parameters."""
+"""Boxes, stages and plans: what they answer about parameters; stages by sympy; the nominal flight by hand."""
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
+import sympy
+from common.plans import APPENDIX_RIGHT, PARTS, SHORT, WAVES, plan_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.errors import EadpError, PathUndefined
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, Stage
+from eadp.models.plan.trace import default_start, nominal_legs, trace, varied_legs
 
 number = st.floats(-1e6, 1e6)
 boxes = st.tuples(number, number).map(lambda pair: Box(*sorted(pair)))
@@ -119,3 +126,84 @@ def test_the_final_point_is_the_last_trigger_unless_stated():
     made = plan(stage(1, trigger="1, 2"), stage(2, trigger="3, 4"))
     assert [part.at() for part in made.final_point] == [3, 4]
     assert [part.at() for part in replace(made, final=point("175, 161")).final_point] == [175, 161]
+
+
+ROUNDING = 1e-9
+
+
+def values_at(stage, expressions, place):
+    """Floats of sympy expressions at values of their symbols, by 30 digits of exact ones."""
+    exact = {sympy.Symbol(name, real=True): sympy.Rational(value) for name, value in place.items()}
+    return [float(expression.xreplace(exact).evalf(30)) for expression in expressions]
+
+
+def check_against_derivatives(plan, seed):
+    rng = np.random.default_rng(seed)
+    for stage in plan.stages[:12]:
+        symbolic = stage.sympy
+        assert symbolic.hessian == symbolic.hessian.T
+        for _ in range(3):
+            c = rng.uniform(-900, 0, len(plan.names)).tolist()
+            x, y = rng.uniform(-200, 200, 2).tolist()
+            place = {"x": x, "y": y, **dict(zip(plan.names, c, strict=True))}
+            if stage.segment:
+                place |= stage.segment.values(c, stage.segment.start(c))
+            (xx, xy), (_, yy) = symbolic.hessian.tolist()
+            got = values_at(stage, (symbolic.path, *symbolic.gradient, xx, xy, yy), place)
+            # φ is a difference of squares of hundreds of metres
+            assert got == pytest.approx(stage.path_at(c)(x, y), rel=ROUNDING, abs=1e-7)
+            assert values_at(stage, symbolic.trigger, place) == pytest.approx(stage.trigger_at(c), rel=ROUNDING)
+
+
+def test_the_shipped_plans(root):
+    files = sorted((root / "plans").glob("*.plan"))
+    assert files
+    for seed, file in enumerate(files):
+        check_against_derivatives(read_plan(read_text(str(file)))[0], seed)
+
+
+@pytest.mark.parametrize("text", [APPENDIX_RIGHT, PARTS, WAVES])
+def test_plans_of_every_form(text):
+    check_against_derivatives(read_plan(Text("p", text))[0], 7)
+
+
+@pytest.mark.parametrize("path", ["*".join(f"(x-{i})" for i in range(1000)), "x + " + "(" * 9 + "0.5" + ")^64" * 9])
+def test_what_would_keep_sympy_busy_for_hours_is_refused(path):
+    stage = read_plan(Text("p", f"0.1; 90; {path}\n0, 200\n"))[0].stages[0]
+    with pytest.raises(EadpError, match="too large for sympy"):
+        _ = stage.sympy
+
+
+ON_CIRCLE = SHORT.replace("%: computations fps\n", "").replace("[2, 10]\n", "")
+
+
+def test_a_plan_that_never_reaches_its_final_point_says_so():
+    away = ON_CIRCLE.replace("180, 146", "-500, 146").replace("150 - 2*sqrt(4900 + c1)", "10")
+    assert nominal_legs(plan_of(away), (0.0,))[-1].lap == 0, "beyond along the shift at once"
+    with pytest.raises(PathUndefined, match="does not reach its final point"):
+        nominal_legs(plan_of(ON_CIRCLE.replace("180, 146", "180, 300")), (0.0,))
+
+
+def test_a_trace_without_end_is_refused():
+    with pytest.raises(PathUndefined, match="5000000 points"):
+        trace(plan_of(ON_CIRCLE), (0.0,), 1e-6)
+
+
+def test_each_lap_alone_at_other_values_lies_where_the_laps_before_it_lead():
+    """Lap k of ON_CIRCLE at c after k − 1 laps at 0: shifted k − 1 times by 10 m, and once by 150 − 2 √(4900 + c)."""
+    laps = varied_legs(plan_of(ON_CIRCLE), (0.0,), (-900.0,))
+    nominal = nominal_legs(plan_of(ON_CIRCLE), (0.0,))
+    assert [len(lap) for lap in laps] == [sum(leg.lap == k for leg in nominal) for k in range(nominal[-1].lap + 1)]
+    radius, shift = math.sqrt(4000), 150 - 2 * math.sqrt(4000)
+    for k, lap in enumerate(laps):
+        left = -115 + (10 * (k - 1) + shift if k else 0)
+        assert lap[0].end_m == pytest.approx((left, 146))
+        for point in lap[0].track.points((lap[0].start_m[0] - lap[0].offset_m[0], lap[0].start_m[1]), 50.0, 0.5, 5):
+            x, y = point[0] + lap[0].offset_m[0], point[1]
+            assert math.hypot(x - left - radius, y - 146) == pytest.approx(radius)
+        for leg, (x, y) in zip(lap[1:], [(left, 0), (left + 150, 0), (left + 150, 146)], strict=False):
+            assert leg.end_m == pytest.approx((x, y))
+    assert laps[0][0].start_m == pytest.approx(default_start(plan_of(ON_CIRCLE), (-900.0,))[0])
+    same = varied_legs(plan_of(ON_CIRCLE), (0.0,), (0.0,))
+    ends = [leg.end_m for lap in same for leg in lap]
+    assert ends == [pytest.approx(leg.end_m) for leg in nominal], "at the same values it is the nominal flight"

@@ -67,9 +67,6 @@ def test_flat_arrays_are_the_routes_one_after_the_other(name):
     assert np.count_nonzero(legs.beyond_m) <= len(routes)
 
 
-# --- runs, scales and what lies beyond the end ------------------------------------------------------------------------
-
-
 def by_cursors(name, started, share):
     """Laps of a route with their scale, moving a cursor stage by stage: (place of each leg, scales, last scale)."""
     cursor, _ = start_of(name, 0.4, started)
@@ -101,9 +98,6 @@ def test_runs_and_scales_against_cursors_moved_stage_by_stage(name, started):
             runs += [number] * len(own)
         assert route.runs.tolist() == runs
         assert route.scales == pytest.approx(expected, abs=ALGEBRA)
-
-
-# --- ground -----------------------------------------------------------------------------------------------------------
 
 
 def ground_by_loops(route, flown, times_s):

@@ -70,9 +70,6 @@ def tight():
     return flown(**CALM, **TIGHT)
 
 
-# --- the flight -------------------------------------------------------------------------------------------------------
-
-
 def test_flights_complete_and_keep_the_reserve(dropped, tight):
     for flight in (dropped, tight):
         assert flight.inputs.scenario.planner.name == "joint", "by default"
@@ -101,9 +98,6 @@ def test_path_parameters_change_where_they_are_latched_alone(dropped, tight):
     assert changed > 1
 
 
-# --- records ----------------------------------------------------------------------------------------------------------
-
-
 def test_reports_count_what_was_solved(dropped):
     report = dropped.pilot.report
     assert len(report.solve_ms) == len(dropped.records)
@@ -112,9 +106,6 @@ def test_reports_count_what_was_solved(dropped):
     assert sum(report.by_status.values()) == report.calls
     assert report.closed_form_better == report.fallbacks == 0
     assert max(report.gaps) <= 1e-6
-
-
-# --- settings ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_gain_below_min_gain_changes_nothing():
@@ -126,8 +117,6 @@ def test_a_gain_below_min_gain_changes_nothing():
     assert eager.records[-1].parameters[0] > -700.0
     assert eager.records[-1].ending.quality_forecast > calm.records[-1].ending.quality_forecast
 
-
-# --- observations alone -----------------------------------------------------------------------------------------------
 
 SPEED_MPS, MOTION_W = 15.0, 36.0
 VEHICLE = PowerCurve(((SPEED_MPS, MOTION_W),), airspeed_mps=SPEED_MPS, cruise_altitude_m=0.0)
@@ -247,9 +236,6 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
     assert not any(r.reason.endswith(GAUGE_DISBELIEVED) for r in outcome.records if r.time_s < 60)
     assert state.soc == pytest.approx(outcome.soc_final, abs=0.01)
     assert outcome.soc_final < held - 0.09
-
-
-# --- home
 
 
 HOME = {**CALM, "battery.capacity_ah": 0.25, "on_infeasible": "home"}

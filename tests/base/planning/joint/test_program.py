@@ -64,9 +64,6 @@ def test_ties_are_mixed_within_the_charge():
         assert solution.filling.use[0] - 0.05 == pytest.approx(min(spare, use.sum()), abs=2 * FULL)
 
 
-# --- what can go wrong ------------------------------------------------------------------------------------------------
-
-
 def test_a_worse_solution_is_replaced_by_the_closed_form_and_counted(monkeypatch):
     report, knapsack = SolverReport(), knapsack_of(4, 0.5)
     monkeypatch.setattr(module, "_exact", lambda gain, use, spare, x, multiplier: np.zeros(len(gain)))

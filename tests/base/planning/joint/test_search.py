@@ -122,9 +122,6 @@ def test_a_place_is_evaluated_once():
     assert len(seen) == len(set(seen)) == len(search.known)
 
 
-# --- on routes --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("capacity_ah", few([0.34, 0.6, 0.28], 2))
 @pytest.mark.parametrize("wind_mps", few([(0.0, 0.0), (5.0, -3.0)], 1))

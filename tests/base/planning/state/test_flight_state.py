@@ -109,9 +109,6 @@ def test_a_batch_is_its_readings_one_by_one(faults):
     assert one_by_one.cursor == whole.cursor
 
 
-# --- what it knows ----------------------------------------------------------------------------------------------------
-
-
 def test_it_knows_the_flight():
     inputs, taken, _, steps = survey_flight()
     known = known_at_end(state_of(inputs, taken), taken)
@@ -127,9 +124,6 @@ def test_it_knows_the_flight():
     assert known.joined.stages_started == 1 + len([1 for a, b in itertools.pairwise(steps) if a.stage != b.stage])
     assert known.charge.believed
     assert known.climb is None
-
-
-# --- what is missing or false -----------------------------------------------------------------------------------------
 
 
 def with_holes(taken, names, rng, share=0.5):
@@ -235,8 +229,6 @@ def test_an_assumed_wind_holds_before_take_off_with_its_gusts():
     assert other.time.noise_s > one.time.noise_s
     assert one.soc == inputs.mission.battery.soc
 
-
-# --- climbs -----------------------------------------------------------------------------------------------------------
 
 STAIRS = """\
 %: altitude 25
