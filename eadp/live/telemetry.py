@@ -192,10 +192,10 @@ class TelemetryReader:
         sample, more = (None, []) if line is None else self._sample(number, line, document)
         missing = [key for key in EXPECTED if key not in document and INSTEAD.get(key) not in document]
         useless = sample is None or all(value is None for value in sample[1:5])
-        told = missing if useless else [key for key in missing if key not in self._missing]
-        if told and not faults:  # of a line with other faults at the next one
-            self._missing.update(told)
-            what = f"{', '.join(told)} {'are' if len(told) > 1 else 'is'} missing"
+        fresh = missing if useless else [key for key in missing if key not in self._missing]
+        if fresh and not faults:  # of a line with other faults at the next one
+            self._missing.update(fresh)
+            what = f"{', '.join(fresh)} {'are' if len(fresh) > 1 else 'is'} missing"
             faults = [self.fault(number, document, "", what, f"the keys {', '.join(EXPECTED)}")]
         return Reading(None if useless else sample, document, [*warnings, *faults, *more], number)
 

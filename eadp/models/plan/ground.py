@@ -59,9 +59,9 @@ def _segment_scale(cursor: PlanCursor) -> float:
 def _plan_scale(cursor: PlanCursor, *, last: bool) -> float:
     """`lap_scale` of a plan that repeats, by its shift, up to the final point."""
     table = cursor.table
-    shift_m, most_m = math.hypot(*table.shift_at(cursor.waiting)), math.hypot(*table.shift_at(table.highest))
+    shift_m, max_m = math.hypot(*table.shift_at(cursor.waiting)), math.hypot(*table.shift_at(table.highest))
     laps = _laps_left(cursor)
-    return max(laps if last else min(laps, 1.0), 0.0) * (shift_m / most_m if most_m > MIN_ADVANCE else 1.0)
+    return max(laps if last else min(laps, 1.0), 0.0) * (shift_m / max_m if max_m > MIN_ADVANCE else 1.0)
 
 
 def _laps_left(cursor: PlanCursor) -> float:

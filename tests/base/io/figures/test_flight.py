@@ -1,15 +1,17 @@
-"""The pictures of a flight: its own, and the letter's figures of it."""
+"""The pictures of a flight: its own, and the letter's figures of it; of a plan: its range on every lap."""
 
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from common import ROOT
+from common.plans import PARTS, plan_of
 from matplotlib.figure import Figure
 
 import eadp
 from eadp.io.figures import plan as flight_figure
-from eadp.io.figures.plan import _draw_parameter, _draw_path
+from eadp.io.figures.plan import _draw_parameter, _draw_path, _draw_range
+from eadp.models.plan.trace import nominal_legs
 from eadp.papers import figures as paper
 from eadp.papers.figures import write_paper_figure
 
@@ -117,3 +119,26 @@ def test_the_path_is_drawn_with_the_wind(flight):
     along = np.subtract(arrow.xy, arrow.xyann)
     wind = np.array(flight.inputs.world.wind.steady_mps)
     assert along / np.hypot(*along) == pytest.approx(wind / np.hypot(*wind), abs=1e-6)
+
+
+# --- of a plan
+
+SURVEY = (ROOT / "plans/survey.plan").read_text(encoding="utf-8")
+
+
+def filled(text, parameters):
+    """The filled areas [m²] and the extents [m] of the range."""
+    axes = Figure().add_subplot()
+    _draw_range(axes, plan_of(text), parameters)
+    outlines = [path.vertices[:-1] for collection in axes.collections for path in collection.get_paths()]
+    areas = [abs(np.sum(x * np.roll(y, 1) - y * np.roll(x, 1))) / 2 for x, y in (points.T for points in outlines)]
+    return np.array(areas), outlines
+
+
+@pytest.mark.parametrize(("text", "parameters"), [(SURVEY, (0.0, 10.0)), (PARTS, (0.0, 10.0))])
+def test_every_lap_has_its_range(text, parameters):
+    areas, outlines = filled(text, parameters)
+    for leg in nominal_legs(plan_of(text), parameters):
+        if leg.lap and leg.stage.kind == "circle":
+            far_m = [np.hypot(points[:, 0] - leg.end_m[0], points[:, 1] - leg.end_m[1]).min() for points in outlines]
+            assert areas[np.array(far_m) < 1].sum() > 100, f"lap {leg.lap}"
