@@ -102,7 +102,7 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
         layouts.append(layout)
         name = "standard input" if table.name == "<stdin>" else os.path.basename(table.name)
-        sources.append(" ".join(map(str.strip, _SOURCE.findall(table.body))) or name)
+        sources.append(stated_source(table) or name)
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
         raise InputError(last.fault(0, message, "measurements of two configurations or more"))
@@ -134,6 +134,11 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
         row, _ = next(iter(readings.values()))
         raise InputError(row.fault(0, str(error), "a full grid, or points that span an area")) from None
     return profile, warnings
+
+
+def stated_source(text: Text) -> str:
+    """Where measurements come from, by their comments `# source:`; empty without any."""
+    return " ".join(map(str.strip, _SOURCE.findall(text.body)))
 
 
 # ── columns ──
