@@ -14,7 +14,15 @@ from itertools import islice
 from typing import NamedTuple
 
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
-from eadp.io.profile.measurements import LARGE_W, Configuration, PowerColumns, has_flags, is_parameter, read_heading
+from eadp.io.profile.measurements import (
+    LARGE_W,
+    Configuration,
+    PowerColumns,
+    has_flags,
+    is_parameter,
+    read_heading,
+    stated_source,
+)
 from eadp.io.text.csv import NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.streams import Text
 from eadp.models.profile import titles
@@ -182,8 +190,8 @@ class Recording:
                 cells = [row.fields[place] if place < len(row.fields) else "" for place in places]
                 lines[-1] = ",".join([*cells, *values, f"{power_w:.10g}"])
         ends = f", {trim} readings left out at each end" if trim else ""
-        name = self.text.name.rpartition("/")[2]
-        return Text(self.text.name, "\n".join([*lines, f"# source: {name} ({self.power_text}{ends})", ""]))
+        source = stated_source(self.text) or self.text.name.rpartition("/")[2]
+        return Text(self.text.name, "\n".join([*lines, f"# source: {source} ({self.power_text}{ends})", ""]))
 
     def parameters(self, of: Sequence[str], *, stated: bool) -> list[int]:
         """Places of the columns of the parameters: those `of` names, else the one that may be; none of a trace.

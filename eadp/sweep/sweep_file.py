@@ -25,7 +25,7 @@ from eadp.io.plan.sources import PlanReader
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
+from eadp.io.text.yaml import STRICT, Document, keys_document, validated
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.plug_ins import code_identity
 from eadp.sweep.engines import Run
@@ -292,11 +292,9 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
         With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
     """
     if isinstance(given, Text):
-        document = read_yaml(given)
+        document = keys_document(given, SCHEMA)
     else:
         document = Document(Text("given-keys.yaml", ""), {"schema": SCHEMA, **plain(given)})
-    if not isinstance(document.value, dict):
-        raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
     keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))
     design = Design(keys.grid, keys.zip, keys.sample, keys.seeds)
     if design.size > RUNS_LIMIT:

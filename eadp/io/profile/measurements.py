@@ -102,23 +102,14 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
         layouts.append(layout)
         name = "standard input" if table.name == "<stdin>" else os.path.basename(table.name)
-        sources.append(" ".join(map(str.strip, _SOURCE.findall(table.body))) or name)
+        sources.append(stated_source(table) or name)
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
         raise InputError(last.fault(0, message, "measurements of two configurations or more"))
     layout = layouts[0]
     averages = [average(runs) for _, runs in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
-    for (row, _), found in zip(readings.values(), averages, strict=True):
-        if found.std > STD_LIMIT * found.mean:
-            message = f"a power that varies by {found.std / found.mean:.0%} of its mean at one configuration"
-            warnings.append(row.fault(layout.power, message))
-    large_w, row = max(((max(map(max, runs)), row) for row, runs in readings.values()), key=lambda each: each[0])
-    if large_w > LARGE_W:
-        message = f"a power of {large_w:g} W"
-        fault = row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
-        refuse([] if layout.columns[layout.power].unit else [fault])
-        warnings.append(fault)
+    warnings += _unlikely(layout, readings, averages)
     try:
         profile = Profile(
             names=tuple(column.name for column in layout.configuration),
@@ -134,6 +125,27 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
         row, _ = next(iter(readings.values()))
         raise InputError(row.fault(0, str(error), "a full grid, or points that span an area")) from None
     return profile, warnings
+
+
+def _unlikely(layout: _Layout, readings: _Readings, averages: Sequence[SampleMean]) -> list[Fault]:
+    """Warnings of powers that vary, and of a power too large for a computer; raises InputError if it has no unit."""
+    warnings = []
+    for (row, _), found in zip(readings.values(), averages, strict=True):
+        if found.std > STD_LIMIT * found.mean:
+            message = f"a power that varies by {found.std / found.mean:.0%} of its mean at one configuration"
+            warnings.append(row.fault(layout.power, message))
+    large_w, row = max(((max(map(max, runs)), row) for row, runs in readings.values()), key=lambda each: each[0])
+    if large_w > LARGE_W:
+        message = f"a power of {large_w:g} W"
+        fault = row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
+        refuse([] if layout.columns[layout.power].unit else [fault])
+        warnings.append(fault)
+    return warnings
+
+
+def stated_source(text: Text) -> str:
+    """Where measurements come from, by their comments `# source:`; empty without any."""
+    return " ".join(map(str.strip, _SOURCE.findall(text.body)))
 
 
 # ── columns ──
