@@ -22,6 +22,7 @@ from eadp.live.locator import InitialClimb, path_mismatch
 from eadp.live.tracker import Messages, PlanTracker
 from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
 from eadp.models.plan.stage import Stage, rest_of
 from eadp.planning.base import BY_FALLBACK, Ending, HomeRecord, Mission, Observation, Sample, next_multiple
@@ -215,7 +216,7 @@ class LiveFlight:
         soc = flight.state.soc if sample.soc is None else sample.soc
         self._climbs.update(sample, _altitude_m(self._mission, tracker.executor.stage))
         position = self._track(flight, to, soc)
-        tracker.put_in_force(self._mission.plan.by_name(sample.parameters), time_s, position, flight.planner.hold)
+        tracker.put_in_force(_by_name(self._mission.plan, sample.parameters), time_s, position, flight.planner.hold)
         # whether the plan has ended; `ends` is None where that has not changed
         step_s, self._last = time_s - self._last[0], (time_s, soc)
         was_complete, ends = tracker.complete, tracker.update_end(to, position, step_s)
@@ -262,7 +263,7 @@ class LiveFlight:
             mission = self._mission = replace(mission, altitude_m=sample.altitude_m or 0.0)
         # a flight in the middle of its plan has the parameters that it reports
         within = sample.stage not in (None, 1) or (sample.stages_started or 1) > 1
-        reported = mission.plan.by_name(sample.parameters) if within or away else {}
+        reported = _by_name(mission.plan, sample.parameters) if within or away else {}
         time_s, begins_m = min(0.0, elapsed_s), mission.start_m or start if within else start
         self._tracker = PlanTracker(mission, begins_m, time_s, self._messages, reported)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
@@ -458,3 +459,16 @@ class _GroundVelocity:
         # p = p₀ + v t + c t², with t and p from the last one; a line through two
         vx, vy = np.polyfit(times, offsets, min(2, len(positions) - 1))[-2].tolist()
         return (vx, vy) if math.hypot(vx, vy) <= self._max_mps else None
+
+
+def _by_name(plan: Plan, values: Mapping[str, float]) -> dict[str, float]:
+    """Values of parameters by name, of those by name or title; names that the plan does not know stay."""
+    found = {}
+    for key, value in values.items():
+        if (i := plan.parameter(key)) is None:
+            found[key] = value
+            continue
+        item = plan.parameters[i]
+        by_title = key != item.name and plan.has_sets
+        found[item.name] = item.of_shown(value, plan.hull(i)) if by_title else value
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any
 
@@ -53,7 +53,6 @@ Capacity = Annotated[float, Ge(1e-6), Le(1e3)]
 
 UNSTATED: Any = None
 """Default of what `Battery` sets when it is made."""
-VOLTAGE_STEP_V = 0.05
 ENDURANCE_STEPS = 1000
 STEPS = 200
 """Steps of the charge at which the voltage of another package's cells is taken: half a percent, what gauges show."""
@@ -209,16 +208,6 @@ class Battery:
     def drain_per_as(self) -> float:
         """State of charge that an ampere takes in a second, k_b / Q_c [1/(A s)]."""
         return self.k_b_per_s / self.capacity_ah
-
-    def near(self, soc: float) -> Battery:
-        """A battery of one voltage, that of this one near a state of charge: a step of `VOLTAGE_STEP_V` or less below.
-
-        For a planner that looks a short way ahead, and builds its problem anew only where the voltage has changed.
-        """
-        if self.voltage_empty_v is None:
-            return self
-        volts = math.floor(self.voltage_at(soc) / VOLTAGE_STEP_V) * VOLTAGE_STEP_V
-        return replace(self, voltage_v=max(volts, VOLTAGE_STEP_V), voltage_empty_v=None, cells=None, chemistry=None)
 
     @property
     def max_current_a(self) -> float:

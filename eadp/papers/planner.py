@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -61,6 +61,9 @@ MAX_LOWERED = 1000
 
 ROUNDING = 1e-9
 """Relative asymmetry and negative eigenvalue of a matrix that count as rounding."""
+
+VOLTAGE_STEP_V = 0.05
+"""Steps of the voltage for which the horizon's problem is built anew [V]."""
 
 
 @dataclass(frozen=True)
@@ -291,7 +294,7 @@ class PaperPlanner(Planner):
         sets = plan.stages[o.stage - 1].sets
         trade_offs = [row for row in own.trade_offs if row.holds_in(o.stage)]
         paths = frozenset({o.parameters[: self._rho], path} if trade_offs else ())
-        battery = self.mission.battery.near(o.soc)
+        battery = battery_near(self.mission.battery, o.soc)
         key = (steps, battery.voltage_v, paths, sets[self._rho :], tuple(map(id, trade_offs)))
         if key not in self._horizons:
             free = self._free(o)
@@ -448,7 +451,7 @@ class PaperPlanner(Planner):
         of_step = np.minimum(at_s // every_s, len(computing_w) - 1).astype(int)
         motion_w = self.power.estimator.forecast(at_s + 0.5 * step_s)
         power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[of_step]
-        battery = self.mission.battery.near((o.soc + self.settings.reserve_soc) / 2)
+        battery = battery_near(self.mission.battery, (o.soc + self.settings.reserve_soc) / 2)
         return _lasting_s(power_w, head, step_s, spare, battery)
 
 
@@ -464,6 +467,17 @@ def _matrix_fault(rows: Matrix, size: int) -> str:
         return "is not symmetric"
     lowest = float(np.linalg.eigvalsh(matrix).min())
     return f"has the eigenvalue {lowest:.4g}, below 0" if lowest < -ROUNDING * scale else ""
+
+
+def battery_near(battery: Battery, soc: float) -> Battery:
+    """A battery of one voltage, that of one near a state of charge: a step of `VOLTAGE_STEP_V` or less below.
+
+    The horizon is short, and its problem is built anew only where the voltage has changed.
+    """
+    if battery.voltage_empty_v is None:
+        return battery
+    volts = math.floor(battery.voltage_at(soc) / VOLTAGE_STEP_V) * VOLTAGE_STEP_V
+    return replace(battery, voltage_v=max(volts, VOLTAGE_STEP_V), voltage_empty_v=None, cells=None, chemistry=None)
 
 
 def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, battery: Battery) -> float:

@@ -14,7 +14,7 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
 from eadp.papers.estimator import EstimatorSettings
-from eadp.papers.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting_s
+from eadp.papers.planner import VOLTAGE_STEP_V, PaperPlanner, PaperSettings, _crossing_s, _lasting_s, battery_near
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
@@ -122,3 +122,15 @@ def test_stages_with_other_fixed_computations_have_powers_of_their_own():
         assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([lowest_w, lowest_w + 8.0])
         assert [second.powers_w[0], second.powers_w[-1]] == pytest.approx([14.0, 22.0])
         assert (first is second) == (fixed == 5)
+
+
+@pytest.mark.parametrize("soc", [0.0, 0.31, 0.5, 0.999, 1.0])
+def test_near_a_charge_the_battery_has_one_voltage_a_little_below(soc):
+    battery = Battery(voltage_v=16.8, voltage_empty_v=13.2)
+    near = battery_near(battery, soc)
+    assert near.voltage_empty_v is None
+    assert -1e-9 <= battery.voltage_at(soc) - near.voltage_v <= VOLTAGE_STEP_V + 1e-9
+    assert battery_near(Battery(), soc) == Battery()
+    cells = battery_near(Battery(cells=4), 0.5)
+    assert (cells.cells, cells.voltage_empty_v) == (None, None)
+    assert cells.voltage_v == pytest.approx(15.4)

@@ -211,18 +211,6 @@ class Plan:
         """The index of a parameter by its name or its title; None if the plan has no such one."""
         return next((i for i, own in enumerate(self.parameters) if name in (own.name, own.title) and name), None)
 
-    def by_name(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of parameters by name, of those by name or title; names that the plan does not know stay."""
-        found = {}
-        for key, value in values.items():
-            if (i := self.parameter(key)) is None:
-                found[key] = value
-                continue
-            item = self.parameters[i]
-            by_title = key != item.name and self.has_sets
-            found[item.name] = item.of_shown(value, self.hull(i)) if by_title else value
-        return found
-
     def shown(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values of parameters by name as people read them: by title, and of what they stand for."""
         return {item.label: item.shown(values[item.name]) for item in self.parameters if item.name in values}

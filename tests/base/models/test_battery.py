@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from eadp.core.flight import replayed_soc
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle import read_vehicle
-from eadp.models.battery import CELL_V, CURRENT, CUT_OFF, DELIVERABLE, LIMITS, VOLTAGE_STEP_V, Battery
+from eadp.models.battery import CELL_V, CURRENT, CUT_OFF, DELIVERABLE, LIMITS, Battery
 
 TRACE = Battery(prescribed=((0, 1.0), (10, 0.9), (10, 0.8), (20, 0.4)))
 
@@ -46,9 +46,6 @@ def test_cells_have_the_voltage_of_their_chemistry():
     assert [battery.voltage_at(soc / 10) / 4 for soc in range(1, 11)] == pytest.approx(RESTING_V, abs=0.125)
     assert Battery(cells=2, chemistry="lifepo4").voltage_v == pytest.approx(6.8)
     assert all(volts[-1] > volts[0] for volts in CELL_V.values())
-    near = battery.near(0.5)
-    assert (near.cells, near.voltage_empty_v) == (None, None)
-    assert near.voltage_v == pytest.approx(15.4)
 
 
 def test_a_chemistry_needs_cells():
@@ -59,15 +56,6 @@ def test_a_chemistry_needs_cells():
 def test_endurance_down_to_a_reserve(power_c, reserve):
     battery = Battery(voltage_v=10.0, resistance_ohm=0.0, capacity_ah=1.0)
     assert battery.endurance_s(10 * power_c, reserve) == pytest.approx(3600 / power_c * (1 - reserve))
-
-
-@given(st.floats(0, 1))
-def test_near_a_charge_the_battery_has_one_voltage_a_little_below(soc):
-    battery = Battery(voltage_v=16.8, voltage_empty_v=13.2)
-    near = battery.near(soc)
-    assert near.voltage_empty_v is None
-    assert -1e-9 <= battery.voltage_at(soc) - near.voltage_v <= VOLTAGE_STEP_V + 1e-9
-    assert Battery().near(soc) == Battery()
 
 
 def soc_at_end(battery, power_w, time_s):
