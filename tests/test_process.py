@@ -6,7 +6,7 @@ import sys
 
 import pytest
 from common import ROOT, few
-from common.processes import hear_interrupts
+from common.answers import hear_interrupts
 
 INTERRUPTING = """
 import os, signal, sys

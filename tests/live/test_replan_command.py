@@ -14,8 +14,7 @@ from contextlib import redirect_stderr, redirect_stdout
 import pytest
 from broken_osqp import BROKEN, broken_osqp
 from common import ROOT, draws
-from common.answers import refused
-from common.processes import hear_interrupts
+from common.answers import hear_interrupts, refused
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -198,9 +197,6 @@ def test_the_page_shows_real_lines(whole):
     assert set(answer) == set(whole[0])
 
 
-# --- the log
-
-
 def test_a_flight_goes_on_from_its_log(replan, whole, tmp_path):
     log = tmp_path / "flight.jsonl"
     first = replan(b"".join(LINES[:90]), "--log", log)
@@ -298,9 +294,6 @@ def test_two_processes_cannot_share_a_log(tmp_path, replan):
     assert f"{log}:1:1: error: is in use by another process" in err
 
 
-# --- a process
-
-
 def test_it_answers_line_by_line_and_an_interrupt_is_130(tmp_path):
     log = tmp_path / "flight.jsonl"
     with started("--log", log) as process:
@@ -369,15 +362,9 @@ def test_a_table_as_telemetry_is_one_line(replan):
         assert err.count("\n") == 1
 
 
-# --- headings
-
-
 def mathematical(line):
     """The line with its heading sent as a mathematical angle."""
     return line | {"heading_deg": 90 - line["heading_deg"]}
-
-
-# --- headings
 
 
 def check_headings(decisions, wind, within_s):
@@ -396,8 +383,6 @@ def test_mathematical_headings_are_disbelieved_and_the_wind_is_found_without(rep
     assert code == 0
     check_headings(decisions, complex(*whole[-2]["wind_mps"]), 100)
 
-
-# --- the end of the plan
 
 REACHED, DOUBT = "final point reached", "final point passed by less"
 
@@ -446,9 +431,6 @@ def test_an_end_that_a_wrong_position_declares_is_taken_back(replan):
     assert times[0] == lines[wrong]["time_s"]
     assert "goes on" in err
     assert decisions[-1]["lap"] >= 15
-
-
-# --- telemetry that begins in the middle of the flight
 
 
 def places(decisions):

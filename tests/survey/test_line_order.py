@@ -94,9 +94,6 @@ def searched(monkeypatch, problem):
     return answer
 
 
-# --- exactly ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_exact_is_the_least_of_every_order_and_direction(count, seed):
@@ -140,9 +137,6 @@ def test_collinear_pieces_are_flown_straight_through():
     assert [directed // 4 for directed in order[::2]] == [directed // 4 for directed in order[1::2]]
 
 
-# --- by search --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("shape", few(SHAPES, 2))
 @pytest.mark.parametrize("wind", few([WIND, None], 1))
 @pytest.mark.parametrize(
@@ -176,9 +170,6 @@ def test_the_search_beats_back_and_forth(wind):
     best, jitted = best_order(*problem), quick_order(*problem)
     assert_sound(best, problem)
     assert best[1] <= jitted[1] * (1 + ROUNDING) < 0.92 * total(in_turn, problem)
-
-
-# --- what cannot be ordered -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,7 @@ import pytest
 import yaml
 from broken_osqp import BROKEN, broken_osqp
 from common import ROOT
-from common.answers import refused
-from common.processes import hear_interrupts
+from common.answers import hear_interrupts, refused
 
 SHIPPED = "scenarios/sweep-wind-battery.yaml"
 PLAN = "0.1; 90; x - c1\n0, 400\n[-10, 10]\n"

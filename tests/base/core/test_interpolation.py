@@ -43,9 +43,6 @@ def within(axes: list[list[float]], parts: tuple[float, ...]) -> list[float]:
     return [axis[0] + t * (axis[-1] - axis[0]) for axis, t in zip(axes, parts, strict=True)]
 
 
-# one parameter
-
-
 def test_power_between_two_frame_rates_worked_by_hand() -> None:
     # 2.1 is a twentieth of the way from 2 to 4: 5.21438 + 1.72774/20; the letter's printed Eq. 13 gives 22.5
     assert interpolant(FPS, POWER_W).at((2.1,)) == pytest.approx(5.300767, abs=ROUNDING)
@@ -68,9 +65,6 @@ def test_measured_configurations_keep_their_values_exactly(curve: tuple[np.ndarr
         assert [line.at((x,)) for x in knots] == list(values)
 
 
-# grids
-
-
 @given(levels(3), st.data(), st.tuples(part, part, part))
 def test_grid_is_scipys(axes: list[list[float]], data: st.DataObject, parts: tuple[float, ...]) -> None:
     points = grid_points(axes)
@@ -90,8 +84,6 @@ def test_a_parameter_that_never_changes_is_held() -> None:
     with pytest.raises(Infeasible):
         line.at((4.0, 33.0))
 
-
-# scattered points
 
 SCATTER = np.array([[2.0, 32.0], [10.0, 32.0], [3.0, 448.0], [9.0, 400.0], [6.0, 200.0], [4.5, 100.0]])
 IRREGULAR_W = np.array([5.0, 9.0, 6.5, 11.0, 9.5, 6.0])
@@ -116,9 +108,6 @@ def test_grid_with_a_hole_is_scattered() -> None:
     scattered = interpolant(whole, whole.sum(axis=1))
     assert scattered.at((1.25, 1.5)) == pytest.approx(2.75)
     assert not scattered.contains((1.75, 1.75))
-
-
-# outside
 
 
 @pytest.mark.parametrize("kind", ["linear", "pchip"])
@@ -154,9 +143,6 @@ def test_nearest_of_scattered_points_is_a_measured_one() -> None:
     scattered = interpolant(SCATTER, IRREGULAR_W)
     assert scattered.nearest((12.0, 0.0)) == (10.0, 32.0)
     assert scattered.contains(scattered.nearest((12.0, 500.0)))
-
-
-# what cannot be interpolated
 
 
 @pytest.mark.parametrize(

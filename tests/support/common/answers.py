@@ -1,4 +1,6 @@
-"""What a command line answered."""
+"""Command lines: what they answered, and processes of their own."""
+
+import signal
 
 
 def refused(answer, *words):
@@ -9,3 +11,8 @@ def refused(answer, *words):
     for word in words:
         assert word in answer.err
     return True
+
+
+def hear_interrupts():
+    """For `preexec_fn`: what a shell has started in the background ignores interrupts, and so would its children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -36,9 +36,6 @@ def heading_by_roots(course_rad, wind_mps):
     return brentq(across, course_rad - math.pi / 2, course_rad + math.pi / 2, xtol=1e-14)
 
 
-# --- the triangle -----------------------------------------------------------------------------------------------------
-
-
 @given(course=st.floats(-7, 7), speed=st.floats(0, 14.9), towards=st.floats(-7, 7))
 def test_the_triangle_by_complex_numbers_and_root_finding(course, speed, towards):
     wind_mps = (speed * math.cos(towards), speed * math.sin(towards))
@@ -58,9 +55,6 @@ def test_a_wind_stronger_than_the_airspeed(wind_mps, held):
     assert (speed > 0) == held
 
 
-# --- banks ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("turn", [1, -1])
 @pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, 0.0), (-3.0, 8.0), (0.0, -12.0)])
 def test_the_bank_against_the_heading_differentiated_along_a_circle(turn, wind_mps):
@@ -73,9 +67,6 @@ def test_the_bank_against_the_heading_differentiated_along_a_circle(turn, wind_m
         seconds = 2 * DIFFERENCE_RAD * radius / speed
         rate = math.remainder(after - before, 2 * math.pi) / seconds
         assert slope == pytest.approx((AIRSPEED_MPS * rate / GRAVITY_MPS2) ** 2, rel=BY_DIFFERENCES)
-
-
-# --- the filter -------------------------------------------------------------------------------------------------------
 
 
 def flown(seconds, wind_mps, gust_std_mps, seed, *, course=None, step_s=1.0):

@@ -209,21 +209,15 @@ def test_sections_may_come_in_any_order_but_names_before_their_use():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("old", "new", "message"),
     [
-        (
-            ("right = 35, 150 - 2*", "right = 35, 151 - 2*"),
-            "the trigger of stage 3 does not shift as that of stage 1 does",
-        ),
-        (
-            ("(x - left - 75)^2", "(x - left + 0.001*right - 75)^2"),
-            "the path of stage 3 does not shift as its trigger does",
-        ),
-        (("(y - 146)^2", "(y - 146 + 0.0001*left)^2"), "the path of stage 1 does not shift as its trigger does"),
+        ("right = 35, 150 - 2*", "right = 35, 151 - 2*", "the trigger of stage 3 does not shift as that of stage 1"),
+        ("(x - left - 75)^2", "(x - left + 0.001*right - 75)^2", "the path of stage 3 does not shift as its trigger"),
+        ("(y - 146)^2", "(y - 146 + 0.0001*left)^2", "the path of stage 1 does not shift as its trigger does"),
     ],
 )
-def test_all_must_shift_alike(change, message):
-    assert any(message in fault for fault in faults_of(SHORT.replace(*change)))
+def test_all_must_shift_alike(old, new, message):
+    assert any(message in fault for fault in faults_of(SHORT.replace(old, new)))
 
 
 def test_a_path_may_change_by_a_constant_from_lap_to_lap():
