@@ -266,6 +266,9 @@ def _named(plan: Plan, text: Text, profile: Profile | None, scenario: Scenario) 
     columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
     if not plan.computations and len(plan.parameters) == plan.path_count + len(columns):
         plan = replace(plan, computations=columns)
+        if clash := set(plan.names[plan.path_count :]).intersection(plan.names[: plan.path_count]):
+            message = f"the profile's {min(clash)} has the name of a path parameter"
+            raise InputError.at(text.name, plan.stages[0].line, 1, message, "another one, as by eadp profile --names")
     scenario = scenario.with_names(plan.parameters, tuple(map(plan.hull, range(len(plan.stages[0].sets)))))
     return _with_sets(plan, text, scenario).laps(), scenario
 

@@ -13,7 +13,7 @@ from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
 from eadp.io.profile.measurements import MeasureOptions, PowerColumns, parse_configuration
 from eadp.io.text.json import aligned
-from eadp.io.text.options import Flag, option_name
+from eadp.io.text.options import Flag, given_options
 from eadp.io.text.streams import write_text
 from eadp.plug_ins import plug_in
 
@@ -76,11 +76,10 @@ def command(
     from eadp.io.profile.model_file import powers_at, profile_document, profile_yaml, read_profile
 
     if measure:
-        asked = {**vars(model), **vars(columns)}
-        given = [option_name(name) for name, value in asked.items() if value not in (None, "", (), False, "text", 0)]
-        _refuse(given, "without --measure, on its result")
+        _refuse(given_options(model) + given_options(columns), "without --measure, on its result")
         return _measure(files, options, output)
     _refuse(options.given(), "with --measure")
+    _refuse(["--clamp"] if model.clamp and not model.at else [], "with --at")
     at, json = model.at, model.format == "json"
     if output == "-" and (at or json):
         raise usage_fault("--output", output, "standard output is taken by --at or --format", "a file")

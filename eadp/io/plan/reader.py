@@ -513,6 +513,9 @@ class _Reader:
             message = f"{len(computations)} names for {count - path_count} computations"
             self._fault(self._headers["computations"], message, "a name for each set after the paths'")
         taken = {name for name, _ in computations}
+        if clash := sorted(taken.intersection(f"c{i}" for i in range(1, path_count + 1))):
+            message = f"the computation {clash[0]} has the name of a path parameter"
+            self._fault(self._headers["computations"], message, "another name")
         titles = self._paths(path_count, taken, sets)
         self._check_computation_sets(path_count, sets)
         refuse(self._faults)

@@ -6,16 +6,16 @@ import math
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from eadp.core.signals import SampleMean, average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
-from eadp.io.text.options import Flag, check_range, option_name
+from eadp.io.text.options import Flag, check_range, given_options
 from eadp.io.text.streams import Text
 from eadp.models.profile import Profile, configuration_text
 
@@ -83,7 +83,7 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
     InputError
         With the faults of the file.
     """
-    readings: _Readings = {}
+    readings: dict[tuple[float, ...], _Reading] = {}
     layouts: list[_Layout] = []
     sources: list[str] = []
     last: Row
@@ -93,12 +93,9 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
         if first is None:
             raise InputError.at(table.name, 1, 1, "no measurements", f"{_A_HEADER} and a row for each measurement")
         layout = _layout(first, names)
-        own, expected = (
-            ", ".join(f"{column.name} {column.unit}".strip() for column in each.configuration)
-            for each in (layout, layouts[0] if layouts else layout)
-        )
-        if own != expected:
-            raise InputError(first.fault(0, f"measurements of {own}", f"{expected}, as in the first file"))
+        if layouts and layout.measured != layouts[0].measured:
+            expected = f"{layouts[0].measured}, as in the first file"
+            raise InputError(first.fault(0, f"measurements of {layout.measured}", expected))
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
         layouts.append(layout)
         name = "standard input" if table.name == "<stdin>" else os.path.basename(table.name)
@@ -106,14 +103,13 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
         raise InputError(last.fault(0, message, "measurements of two configurations or more"))
-    layout = layouts[0]
-    averages = [average(runs) for _, runs in readings.values()]
+    averages = [average(each.runs) for each in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
-    warnings += _unlikely(layout, readings, averages)
+    warnings += _unlikely([*readings.values()], averages)
     try:
         profile = Profile(
-            names=tuple(column.name for column in layout.configuration),
-            units=tuple(column.unit for column in layout.configuration),
+            names=tuple(column.name for column in layouts[0].configuration),
+            units=tuple(column.unit for column in layouts[0].configuration),
             configurations=np.array(list(readings)),
             power_w=np.array([each.mean for each in averages]),
             std_w=np.array([each.std for each in averages]),
@@ -122,23 +118,22 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
             standard_error_w=np.array([each.standard_error if each.samples > 1 else np.nan for each in averages]),
         )
     except Infeasible as error:
-        row, _ = next(iter(readings.values()))
-        raise InputError(row.fault(0, str(error), "a full grid, or points that span an area")) from None
+        first = next(iter(readings.values())).row
+        raise InputError(first.fault(0, str(error), "a full grid, or points that span an area")) from None
     return profile, warnings
 
 
-def _unlikely(layout: _Layout, readings: _Readings, averages: Sequence[SampleMean]) -> list[Fault]:
+def _unlikely(readings: Sequence[_Reading], averages: Sequence[SampleMean]) -> list[Fault]:
     """Warnings of powers that vary, and of a power too large for a computer; raises InputError if it has no unit."""
     warnings = []
-    for (row, _), found in zip(readings.values(), averages, strict=True):
+    for reading, found in zip(readings, averages, strict=True):
         if found.std > STD_LIMIT * found.mean:
             message = f"a power that varies by {found.std / found.mean:.0%} of its mean at one configuration"
-            warnings.append(row.fault(layout.power, message))
-    large_w, row = max(((max(map(max, runs)), row) for row, runs in readings.values()), key=lambda each: each[0])
-    if large_w > LARGE_W:
-        message = f"a power of {large_w:g} W"
-        fault = row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
-        refuse([] if layout.columns[layout.power].unit else [fault])
+            warnings.append(reading.fault(message))
+    largest = max(readings, key=lambda each: each.max_w)
+    if largest.max_w > LARGE_W:
+        fault = largest.fault(f"a power of {largest.max_w:g} W", f"at most {LARGE_W:g} W of a computer; mW in power_mw")
+        refuse([] if largest.layout.columns[largest.layout.power].unit else [fault])
         warnings.append(fault)
     return warnings
 
@@ -175,6 +170,28 @@ class _Layout:
     def configuration(self) -> list[ColumnHeading]:
         """The columns of the parameters."""
         return [self.columns[i] for i in self.parameters]
+
+    @property
+    def measured(self) -> str:
+        """The parameters with their units, for people."""
+        return ", ".join(f"{column.name} {column.unit}".strip() for column in self.configuration)
+
+
+class _Reading(NamedTuple):
+    """What was measured at a configuration: the row with the first of it, its file's layout, and power [W] by run."""
+
+    row: Row
+    layout: _Layout
+    runs: list[list[float]]
+
+    @property
+    def max_w(self) -> float:
+        """The greatest power [W]."""
+        return max(map(max, self.runs))
+
+    def fault(self, message: str, expected: str = "") -> Fault:
+        """A fault of its power."""
+        return self.row.fault(self.layout.power, message, expected)
 
 
 def _layout(row: Row, names: Sequence[str]) -> _Layout:
@@ -295,11 +312,7 @@ def _power_column(row: Row, headings: Sequence[ColumnHeading]) -> int:
 # ── rows ──
 
 
-_Readings = dict[tuple[float, ...], tuple[Row, list[list[float]]]]
-"""By configuration: its first row, and its power [W] by run."""
-
-
-def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row | None:
+def _read_rows(rows: Iterable[Row], layout: _Layout, readings: dict[tuple[float, ...], _Reading]) -> Row | None:
     """Add a file's power readings by configuration: consecutive rows make a run.
 
     Returns the last row, if there is one.
@@ -327,7 +340,7 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
         if power_w < 0:
             faults.append(row.fault(layout.power, f"a power of {power_w:g} W", "a power of 0 or more"))
         point = tuple(values)
-        _, runs = readings.setdefault(point, (row, []))
+        runs = readings.setdefault(point, _Reading(row, layout, [])).runs
         if point != before:
             runs.append([])
         runs[-1].append(power_w)
@@ -448,8 +461,7 @@ class MeasureOptions(MeasurementSettings):
 
     def given(self) -> list[str]:
         """Those given, as options; without `--config`, which is not for measuring alone."""
-        changed = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
-        return [option_name(name) for name in changed if name != "config"]
+        return [option for option in given_options(self) if option != "--config"]
 
     def check(self) -> None:
         """Refuse values out of range; raises InputError."""

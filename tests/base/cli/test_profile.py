@@ -92,6 +92,7 @@ def test_model_is_written_and_read_back(run: Run, tmp_path: Path) -> None:
         (["-o", "no/such/folder/m.yaml"], "no/such/folder/m.yaml:1:1: error: cannot be written"),
         (["--names", "a,b"], "--names:1:1: error: 2 names for the parameters fps; expected 1 of them"),
         (["--at", "rate=5"], "--at:1:1: error: no parameter rate; expected fps=VALUE"),
+        (["--clamp"], "--clamp:1:1: error: has no effect here; expected it with --at"),
         (["--longest", "3"], "--longest:1:1: error: has no effect here; expected it with --measure"),
     ],
 )
