@@ -322,9 +322,6 @@ class LineTrack(Track):
     def remaining_m(self, point: Point, guess_m: float) -> float:
         return self.ahead_m(point)
 
-    def radius_m(self) -> float:
-        return math.inf
-
     def approach(self) -> Point:
         (x, y), (dx, dy) = self.line.point_m, self.line.direction
         return x - APPROACH_M * dx, y - APPROACH_M * dy

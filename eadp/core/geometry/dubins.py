@@ -230,12 +230,12 @@ def lengths_m(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> FloatArray
 # --- time in wind -----------------------------------------------------------------------------------------------------
 
 
-def flight_time_s(path: DubinsPath | Sequence[Piece], airspeed_mps: float, wind_mps: Point) -> float:
+def flight_time_s(pieces: Sequence[Piece], airspeed_mps: float, wind_mps: Point) -> float:
     """Time to fly a path that is fixed to the ground, in a steady wind.
 
     Parameters
     ----------
-    path : DubinsPath or sequence of Piece
+    pieces : sequence of Piece
     airspeed_mps : float
         Airspeed v [m/s].
     wind_mps : (float, float)
@@ -254,7 +254,6 @@ def flight_time_s(path: DubinsPath | Sequence[Piece], airspeed_mps: float, wind_
     Source: the wind triangle, see `times_s`.
     """
     pace = _Pace.in_wind(airspeed_mps, wind_mps)
-    pieces = path.pieces if isinstance(path, DubinsPath) else path
     # course at the start, length [m], and of arcs the radius [m], above 0 to the left
     straight = [(piece.start[2], piece.length_m) for piece in pieces if not piece.turn]
     arcs = [(piece.start[2], piece.length_m, piece.turn * piece.radius_m) for piece in pieces if piece.turn]
