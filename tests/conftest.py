@@ -194,7 +194,8 @@ class Unestimated(PowerTracker):
         self._forecast_w = self._forecast_w if power_w is None else power_w
 
 
-UNESTIMATED = ["base/cli", "base/planning", "exchange", "live", "survey", "sweep"]
+PLANNING = ["base/planning/forecast", "base/planning/joint", "base/planning/state"]
+UNESTIMATED = ["base/cli", *PLANNING, "exchange", "live", "survey"]
 """Tests whose subject is not the estimate in a flight's log."""
 
 
