@@ -162,11 +162,11 @@ def _machine_code(request: pytest.FixtureRequest):
     compiled.enable(False)
 
 
-DRAWN = {
-    "base/io/figures/test_flight.py", "base/api/test_flight.py", "report/test_flight.py",
-    "test_notebook.py", "test_pictures.py",
-}  # fmt: skip
-"""Tests whose subject is a figure or a page of a result folder: elsewhere these are empty files."""
+DRAWN = {"base/io/figures/test_flight.py", "base/api/test_flight.py", "test_notebook.py", "test_pictures.py"}
+"""Tests whose subject is a figure of a result folder, or all of it: elsewhere these are empty files."""
+
+PAGES = {"report/test_flight.py", "test_words.py"}
+"""Tests whose subject is the page of a result folder."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -174,8 +174,8 @@ def _undrawn(request: pytest.FixtureRequest):
     """No figures and pages in result folders, where they are not the subject."""
     with pytest.MonkeyPatch.context() as patch:
         path = request.path.relative_to(ROOT / "tests").as_posix()
-        if path not in DRAWN or path == "report/test_flight.py":  # whose subject is the page alone
-            draw_nothing(patch, page=path not in DRAWN)
+        if path not in DRAWN:
+            draw_nothing(patch, page=path not in PAGES)
         yield patch
 
 
@@ -194,7 +194,8 @@ class Unestimated(PowerTracker):
         self._forecast_w = self._forecast_w if power_w is None else power_w
 
 
-UNESTIMATED = ["base/cli", "base/planning", "exchange", "live", "survey", "sweep"]
+PLANNING = ["base/planning/forecast", "base/planning/joint", "base/planning/state"]
+UNESTIMATED = ["base/cli", *PLANNING, "exchange", "live", "survey"]
 """Tests whose subject is not the estimate in a flight's log."""
 
 

@@ -49,7 +49,6 @@ def started(tmp_path_factory):
     return folder
 
 
-@pytest.mark.usefixtures("drawn")
 def test_what_flights_print(eadp, started):
     flown = "simulate", started / "computing.plan", "--scenario", started / "scenario.yaml", *FAST
     profile, home = ("--profile", "profiles/pednet-jetson-nano.yaml"), "home={position_m: [0, 0]}"

@@ -34,7 +34,7 @@ def signal(times_s: FloatArray, terms: Terms = THREE, period_s: float = PERIOD_S
     return np.asarray(MEAN_W + sum(waves))
 
 
-def sampled(periods: float, step_s: float = 0.5, period_s: float = PERIOD_S) -> FloatArray:
+def sampled(periods: float, step_s: float = 1.0, period_s: float = PERIOD_S) -> FloatArray:
     return np.arange(0.0, periods * period_s, step_s)
 
 
@@ -53,7 +53,7 @@ def assert_found(found: Spectrum, period_s: float = PERIOD_S, order: int = 3, ne
 
 
 def test_a_periodogram_peaks_at_the_period() -> None:
-    times = sampled(8)
+    times = sampled(8, step_s=0.5)
     period, share = periodogram(times + 1000.0, noisy(times, 0.1), order=3, points=200)
     assert np.all(np.diff(np.log(period)) == pytest.approx(np.log(period[-1] / period[0]) / 199))
     assert period[0] == pytest.approx(8 * 0.5)
@@ -89,7 +89,7 @@ def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, 
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("share", [0.0, 0.05])
 def test_a_period_that_drifts_is_stated(share: float) -> None:
-    times = sampled(13)
+    times = sampled(13, step_s=0.5)
     period = PERIOD_S * (1 + share * (2 * times / times[-1] - 1))
     turns = np.cumsum(0.5 / period) * PERIOD_S  # the time at which a constant period is at the same phase
     found = analyse(times, noisy(turns))
@@ -148,7 +148,7 @@ def test_a_trend_hides_no_period() -> None:
     assert found.period_s == pytest.approx(PERIOD_S, rel=0.02)
 
 
-UNITS = (sampled(3, step_s=1.0), noisy(sampled(3, step_s=1.0)))
+UNITS = (sampled(3), noisy(sampled(3)))
 
 
 @cache
@@ -229,7 +229,7 @@ def test_score_is_that_of_blocks_left_out_with_their_neighbours() -> None:
 def test_a_period_in_slow_noise_as_strong_as_the_signal(seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = sampled(6)
-    memory = math.exp(-0.5 / 5)
+    memory = math.exp(-1 / 5)
     slow = lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=len(times) + 400))[-len(times) :]
     std_w = math.sqrt(sum(a**2 for a, _ in THREE) / 2)
     found = analyse(times, signal(times) + std_w * slow, period_prior_s=PERIOD_S * rng.uniform(0.75, 1.25))
@@ -368,7 +368,7 @@ def test_a_prior_of_which_only_a_sliver_fits_into_the_log() -> None:
 
 def test_standard_deviations_of_mean_and_amplitudes_in_white_noise() -> None:
     # of n samples over whole periods: σ/√n of the mean, σ√(2/n) of an amplitude
-    times, std_w = sampled(8), 2.0
+    times, std_w = sampled(8, step_s=0.5), 2.0
     found = analyse(times, noisy(times, std_w, seed=3))
     assert found.mean_std_w == pytest.approx(std_w / math.sqrt(len(times)), rel=0.25)
     assert found.amplitude_std_w == pytest.approx(3 * [std_w * math.sqrt(2 / len(times))], rel=0.25)

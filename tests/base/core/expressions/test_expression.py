@@ -6,7 +6,8 @@ import operator
 import pickle
 
 import pytest
-from hypothesis import assume, example, given
+from common import draws
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from eadp.core.expressions.algebra import is_zero, simplified
@@ -351,6 +352,7 @@ def test_code_is_no_expression(text, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+@settings(max_examples=draws(0.5))
 @given(texts, st.integers(0, 100), st.text(max_size=3), st.integers(0, 3))
 def test_a_text_that_is_tampered_with_is_read_or_refused(text, at, inserted, dropped):
     at %= len(text) + 1
