@@ -169,7 +169,7 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
     inputs = load(plan, base)
     box, levels_box = inputs.mission.plan.hull(0), inputs.mission.plan.hull(1)
     levels = inputs.mission.computing.levels(0, levels_box)
-    battery = load(plan, case.keys).world.battery
+    battery = load(plan, case.keys).world.mission.battery
     best: dict[str, Any] = {"kept": False, "completed": False, "u": 0.0, "c": None}
     clairvoyant = 0.0
     for c1 in np.linspace(box.lo, box.hi, GRID):

@@ -170,7 +170,7 @@ def compared(path: Path, keys: Mapping[str, Any]) -> Compared | None:
     powers_w = [3600 * energy / seconds for seconds, energy in expected.stages.values() if seconds > 0.05]
     excess_s = math.hypot(*(one.seconds for one in inputs.mission.excess.values()))
     warned = any(fault.severity == "warning" for fault in inputs.warnings)
-    limit_w = inputs.world.vehicle.max_motion_w
+    limit_w = inputs.mission.vehicle.max_motion_w
     return Compared(forecast_values(expected), outcome, max(powers_w), limit_w, took_s, excess_s, warned)
 
 

@@ -45,12 +45,13 @@ from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PaperVehicle
+from eadp.models.world import Mission
 from eadp.papers import horizon
 from eadp.papers.estimator import EstimatorSettings, ExactEstimator
 from eadp.papers.forecasting import rotation_matrix
 from eadp.papers.horizon import HorizonForecast, HorizonSolution
 from eadp.papers.planner import PaperPlanner, PaperSettings
-from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
+from eadp.planning.base import Observation, PlannerSettings, Sample
 
 try:
     import casadi

@@ -171,7 +171,7 @@ def interrupted(
         else:
             flight.write(folder / f"flown-{name}")
             sources.append(str(folder / f"flown-{name}"))
-        lines += flown_lines(flight.inputs.world.plan, columns)
+        lines += flown_lines(flight.inputs.mission.plan, columns)
     try:
         rest = planned(job, folder, resume=sources)
     except EadpError as error:

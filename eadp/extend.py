@@ -17,7 +17,8 @@ from collections.abc import Callable
 from eadp.core.arrays import FloatArray
 from eadp.errors import EadpError, InputError
 from eadp.models.vehicle import Airframe, FixedWing, PowerCurve
-from eadp.planning.base import Decision, Ending, Mission, Observation, PlannerSettings
+from eadp.models.world import Mission
+from eadp.planning.base import Decision, Ending, Observation, PlannerSettings
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.registry import Planner
 from eadp.planning.state.flight_state import FlightState

@@ -40,7 +40,7 @@ def test_repr_of_what_a_notebook_holds_is_short(monkeypatch):
 
     monkeypatch.chdir(ROOT)
     flight = eadp.simulate("plans/survey.plan", "scenarios/survey.yaml", overrides={"time_limit_s": 5})
-    plan = flight.inputs.world.plan
+    plan = flight.inputs.mission.plan
     assert repr(plan) == "<Plan survey.plan: 4 stages, parameters spacing, fps>"
     assert "NOT completed: time limit" in repr(flight)
 

@@ -61,7 +61,7 @@ def summarise(
     """
     log, report = outcome.parameters, flight.planner.report
     parameters: dict[str, dict[str, Any]] = {}
-    for i, parameter in enumerate(world.plan.parameters):
+    for i, parameter in enumerate(world.mission.plan.parameters):
         record = log.records[i]
         first, last, changes = record.first, record.last, len(record.history)
         own: dict[str, Any] = {"mean": log.mean(i), "first": first, "last": last, "changes": changes}
@@ -83,7 +83,7 @@ def summarise(
         "reason": outcome.reason,
         "battery_limit": outcome.battery_limit,
         "planner": settings.name,
-        "field": None if world.plan.site.field is None else world.plan.site.field.summary,
+        "field": None if world.mission.plan.site.field is None else world.mission.plan.site.field.summary,
         "duration_s": round(duration_s, 9),
         "distance_m": outcome.distance_m,
         "energy_wh": outcome.energy_j / 3600,
@@ -125,15 +125,15 @@ def repeatable(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
-    log, rho, duration_s = outcome.parameters, world.plan.path_count, outcome.duration_s
+    log, rho, duration_s = outcome.parameters, world.mission.plan.path_count, outcome.duration_s
     computing_w = log.computing_j / duration_s
     motion_w = outcome.energy_j / duration_s - computing_w
-    means = {name: log.mean(i) for i, name in enumerate(world.plan.names) if i >= rho}
-    low, high = (world.computing.extreme(world.plan, end) for end in ("lo", "hi"))
+    means = {name: log.mean(i) for i, name in enumerate(world.mission.plan.names) if i >= rho}
+    low, high = (world.mission.computing.extreme(world.mission.plan, end) for end in ("lo", "hi"))
 
     def endurance(own_w: float, values: dict[str, float]) -> dict[str, Any]:
         power_w = motion_w + own_w
-        time_s = world.battery.endurance_s(power_w) if power_w > 0 else None
+        time_s = world.mission.battery.endurance_s(power_w) if power_w > 0 else None
         return {"parameters": values, "computing_w": own_w, "power_w": power_w, "time_s": time_s}
 
     lowest, highest = endurance(*low), endurance(*high)
@@ -202,8 +202,8 @@ def batteries(expected: Preflight) -> int | None:
 
 def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
     """Time of each lap after the first [s], from the start of its first stage to the next lap's; not of parts."""
-    n = world.plan.primitive_stages
-    if not n or world.plan.segments:
+    n = world.mission.plan.primitive_stages
+    if not n or world.mission.plan.segments:
         return []
     starts = outcome.stage_times_s[n - 1 :: n]
     return [round(later - earlier, 9) for earlier, later in itertools.pairwise(starts)]
@@ -240,11 +240,11 @@ class Flight:
     def estimate_rows(self) -> list[Sequence[str | float]]:
         """Header and rows of `estimate.csv`; empty without a log."""
         table = plug_in("estimators", "power").table
-        return list(table(self.steps, self.estimates, self.inputs.world.battery)) if self.estimates else []
+        return list(table(self.steps, self.estimates, self.inputs.mission.battery)) if self.estimates else []
 
     def __repr__(self) -> str:
         """One line, not the log."""
-        summary, name = self.summary, self.inputs.world.plan.name.rpartition("/")[2]
+        summary, name = self.summary, self.inputs.mission.plan.name.rpartition("/")[2]
         ended = "completed" if summary["completed"] else f"NOT completed: {summary['reason']}"
         used = f"{summary['duration_s']:.0f} s, {summary['energy_wh']:.2f} Wh"
         return f"<Flight of {name}: {ended}, {used}, {100 * summary['soc_final']:.0f} % of the charge left>"
@@ -263,7 +263,7 @@ class Flight:
     @cached_property
     def _table(self) -> list[list[Any]]:
         """Names and rows of `flight.csv`, which has airspeeds where they are decided."""
-        plan, origin_deg = self.inputs.world.plan, self.inputs.world.plan.site.origin_deg
+        plan, origin_deg = self.inputs.mission.plan, self.inputs.mission.plan.site.origin_deg
         speeds = () if self.inputs.mission.vehicle.airspeed_range_mps is None else AIRSPEEDS
         fixed, earth = [name for name in Step._fields[:-1] if name not in AIRSPEEDS], ["lat_deg", "lon_deg"]
         rows: list[list[Any]] = [[*fixed, *plan.names, *(earth if origin_deg else []), *speeds]]
@@ -301,7 +301,7 @@ class Flight:
             for name, content in ((SUMMARY, repeatable(self.summary)), ("timings.json", timings)):
                 text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
                 (target / name).write_text(f"{text}\n", encoding="utf-8")
-            rows = [record_row(record, world.plan.names) for record in self.decisions]
+            rows = [record_row(record, world.mission.plan.names) for record in self.decisions]
             if rows:
                 lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
@@ -327,8 +327,8 @@ def fly_flight(
     flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
     if (
         steps
-        and inputs.world.plan.site.field is not None
-        and (covered := flown_coverage(inputs.world.plan, flown_of_plan(flight.lists, outcome.turned_back_s), 1))
+        and inputs.mission.plan.site.field is not None
+        and (covered := flown_coverage(inputs.mission.plan, flown_of_plan(flight.lists, outcome.turned_back_s), 1))
     ):
         summary["coverage"] = covered[1][-1]
     return flight

@@ -24,7 +24,6 @@ from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_doc
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
-from eadp.models.autopilot import Autopilot
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import Computing, join_profile, load_configuration, may_compute
 from eadp.models.energy import EnergyModel
@@ -36,8 +35,8 @@ from eadp.models.plan.stage import LAND, TAKEOFF, Leg, Stage, leg_points
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
 from eadp.models.profile import Profile, configuration_text
 from eadp.models.vehicle import Airframe
-from eadp.models.world import TakeOff, Timing, World
-from eadp.planning.base import Mission, PlannerSettings
+from eadp.models.world import Mission, TakeOff, Timing, World
+from eadp.planning.base import PlannerSettings
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import PlannedFlight, make_flight, planner_class
 from eadp.planning.state.climb import ClimbFollower
@@ -111,22 +110,30 @@ class Files:
 
 @dataclass(frozen=True)
 class FlightInputs:
-    """A flight ready to be flown: the world, the planner's mission, and what they were read from, by kind."""
+    """A flight ready to be flown: the world with the planner's mission, and what it was read from, by kind."""
 
     world: World
-    mission: Mission
     scenario: Scenario
     warnings: tuple[Fault, ...]
     sources: Mapping[str, Text]
     never_past: str = ""
     """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
 
+    @property
+    def mission(self) -> Mission:
+        """What the planner knows before take-off."""
+        return self.world.mission
+
+    def with_mission(self, **changes: Any) -> FlightInputs:
+        """The same with changes of the mission."""
+        return replace(self, world=replace(self.world, mission=replace(self.mission, **changes)))
+
     def at_one_airspeed(self) -> FlightInputs:
         """The same with an airspeed that is not decided, for what commands none: an autopilot's mission, a link."""
         vehicle = self.mission.vehicle
         if vehicle.airspeed_range_mps is None:
             return self
-        return replace(self, mission=replace(self.mission, vehicle=replace(vehicle, airspeed_range_mps=None)))
+        return self.with_mission(vehicle=replace(vehicle, airspeed_range_mps=None))
 
     def at_min_energy(self) -> Preflight | None:
         """The forecast at the airspeeds that take the least energy; None where the airspeed is no decision."""
@@ -147,7 +154,7 @@ class FlightInputs:
         if self.mission.battery.prescribed:
             return None
         found, world = self._before_take_off(self.scenario.planner), self.world
-        wind, airspace = world.wind, world.plan.site.airspace
+        wind, airspace = world.wind, world.mission.plan.site.airspace
         if found is not None and set(found.airspeeds_mps) - {self.mission.cruise_mps}:
             found = replace(found, at_cruise=self.at_one_airspeed().preflight(whole=False))
         if found is None or not whole or not any(airspace):
@@ -156,7 +163,9 @@ class FlightInputs:
 
         gusts = wind.gust_std_mps, wind.gust_time_s
         legs, climb = found.planned(self.mission).legs, ClimbFollower.of(self.mission)
-        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind.steady_mps, gusts, climb)
+        entered = clearance.entering(
+            legs, airspace, world.mission.vehicle, world.guidance, wind.steady_mps, gusts, climb
+        )
         return replace(found, entering=entered)
 
     def _before_take_off(self, settings: PlannerSettings) -> Preflight | None:
@@ -213,19 +222,31 @@ def load_flight(
     _check_aircraft(flown, plan_source, setting)
     _check_battery(setting, computing.power_w(parameters, flown.stages[0].sets))
     forecast_s, overshot = _nominal_s(flown, parameters, setting, start.position_m)
-    world = _world(flown, computing, setting, parameters, start, forecast_s)
+    mission = Mission(
+        plan=flown,
+        computing=computing,
+        battery=setting.keys.battery,
+        vehicle=setting.keys.vehicle.airframe,
+        parameters=parameters,
+        start_m=start.position_m,
+        energy=model,
+        way_home=_way_home(flown, setting, parameters, start.position_m),
+        rules=setting.rules,
+        gust_time_s=setting.keys.wind.gust_time_s,
+        altitude_m=start.altitude_m,
+        excess={one.stage.index: one.excess for one in overshot},
+        autopilot=setting.keys.autopilot,
+    )
     _check_names(flown, setting)
     warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshot, MOST)]
-    mission = _mission(world, model, overshot, setting.keys.autopilot)
-    if world.way_home is not None:
-        world = replace(world, way_home=world.way_home.flown_by(mission.autopilot))
     _check_planner(setting, mission)
+    world = _world(mission, setting, start, forecast_s)
     stated_m, home_m = setting.keys.home.altitude_m, world.way_home and world.way_home.altitude_m
     if stated_m is not None and home_m is not None and home_m > stated_m:
         message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
         warnings.append(replace(setting.fault("home.altitude_m", message, "a higher one"), severity="warning"))
     never_past = next((one.stage.label for one in overshot if math.isinf(one.excess.seconds)), "")
-    inputs = FlightInputs(world, mission, setting, tuple(warnings), sources, never_past)
+    inputs = FlightInputs(world, setting, tuple(warnings), sources, never_past)
     decides = getattr(setting.planner.own, "airspeed", HELD) != HELD
     return inputs if decides else inputs.at_one_airspeed()
 
@@ -273,27 +294,11 @@ def _named(plan: Plan, text: Text, profile: Profile | None, scenario: Scenario) 
     return _with_sets(plan, text, scenario).laps(), scenario
 
 
-def _world(
-    plan: Plan, computing: Computing, scenario: Scenario, parameters: Vector, start: TakeOff, forecast_s: float
-) -> World:
+def _world(mission: Mission, scenario: Scenario, start: TakeOff, forecast_s: float) -> World:
     keys = scenario.keys
     limit_s = keys.time_limit_s or (LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S)
-    return World(
-        plan=plan,
-        computing=computing,
-        vehicle=keys.vehicle.airframe,
-        guidance=keys.guidance,
-        wind=keys.wind,
-        battery=keys.battery,
-        faults=keys.faults,
-        start=start,
-        parameters=parameters,
-        rules=scenario.rules,
-        clock=Timing(keys.step_s, keys.log_every_s, limit_s),
-        seed=keys.seed,
-        sensors=keys.sensors,
-        way_home=_way_home(plan, scenario, parameters, start.position_m),
-    )
+    clock = Timing(keys.step_s, keys.log_every_s, limit_s)
+    return World(mission, keys.guidance, keys.wind, keys.faults, start, clock, keys.seed, keys.sensors)
 
 
 def _altitudes_m(stages: Sequence[Stage], vehicle: Airframe) -> list[float]:
@@ -346,25 +351,6 @@ def clear_home_m(plan: Plan, legs: Sequence[Leg], home_m: Point, vehicle: Airfra
     points_m = np.concatenate([leg_points(leg, CLEARANCE_M)[:, :2] for leg in legs])
     clear_m = site.airspace.top_on_ways_m(points_m, home_m, CLEARANCE_M) + site.clearance_m
     return math.ceil(clear_m) if clear_m > min(_altitudes_m(stages, vehicle)) else None
-
-
-def _mission(world: World, energy: EnergyModel | None, overshot: Sequence[Overshoot], autopilot: Autopilot) -> Mission:
-    """What the planner knows of a world before take-off."""
-    return Mission(
-        plan=world.plan,
-        computing=world.computing,
-        battery=world.battery,
-        vehicle=world.vehicle,
-        parameters=world.parameters,
-        start_m=world.start.position_m,
-        energy=energy,
-        way_home=world.way_home,
-        rules=world.rules,
-        gust_time_s=world.wind.gust_time_s,
-        altitude_m=world.start.altitude_m,
-        excess={one.stage.index: one.excess for one in overshot},
-        autopilot=autopilot,
-    )
 
 
 def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:

@@ -133,7 +133,7 @@ def _text(flight: Flight, output: SimulateOutputs) -> str:
     """The summary for people."""
     from eadp.io.flight import account
 
-    rows = account(flight.summary, flight.inputs.scenario, flight.inputs.world.plan)
+    rows = account(flight.summary, flight.inputs.scenario, flight.inputs.mission.plan)
     if output.out is not None:
         rows.append(("written", output.out))
     return "\n".join(f"{label:<10} {text}" if label else text for label, text in rows)

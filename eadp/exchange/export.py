@@ -184,7 +184,7 @@ def _forecast(
     inputs = load_flight(given, scenario=options.scenario, overrides=overrides)
     inputs = inputs if decides else inputs.at_one_airspeed()
     warn(inputs.warnings)
-    plan, airframe = inputs.world.plan, inputs.world.vehicle
+    plan, airframe = inputs.mission.plan, inputs.mission.vehicle
     name = inputs.sources["plan"].name
     if options.altitude_m is None and not airframe.takes_commands:
         stated, _ = plan_of(given, lambda _: None)
@@ -286,7 +286,9 @@ def _parameters(inputs: FlightInputs, plan: Plan, path: str, name: str, warn: Wa
     ardupilot, text = PARAMETER_FILES[Path(path).suffix]
     mission = inputs.mission
     home_m = mission.way_home and mission.way_home.altitude_m
-    found = wanted_parameters(plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m)
+    found = wanted_parameters(
+        plan, inputs.mission.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m
+    )
     found += stated_parameters(mission.autopilot, found, ardupilot=ardupilot)
     said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
     calibrated = calibrated_over_true(plan.site, mission.vehicle)
@@ -342,7 +344,7 @@ def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> Plann
     planned, decision = plug_in("rests", "telemetry")(inputs, telemetry, lambda fault: warn([fault]))
     if planned is None or decision is None:
         raise _fault("--telemetry", telemetry, "leaves nothing to fly", "telemetry of a flight that goes on")
-    parameters = inputs.world.plan.parameters
+    parameters = inputs.mission.plan.parameters
     values = ", ".join(f"{item.label} = {item.text(decision['parameters'][item.name])}" for item in parameters)
     length_m, end = sum(leg.distance_m for leg in planned.legs), decision["soc_end_forecast"]
     message = f"after {decision['time_s']:g} s, in stage {decision['stage']} of lap {decision['lap']}, at {values}: "

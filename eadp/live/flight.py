@@ -25,7 +25,8 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
 from eadp.models.plan.stage import Stage, rest_of
-from eadp.planning.base import BY_FALLBACK, Ending, HomeRecord, Mission, Observation, Sample, next_multiple
+from eadp.models.world import Mission
+from eadp.planning.base import BY_FALLBACK, Ending, HomeRecord, Observation, Sample, next_multiple
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.registry import PlannedFlight
 from eadp.planning.state.flight_state import FlightState

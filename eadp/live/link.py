@@ -7,7 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any, BinaryIO
 
 from eadp.api.inputs import FlightInputs
@@ -108,7 +108,7 @@ class LinkFlight:
         inputs = with_mission(inputs, exported)
         inputs = self._inputs = inputs if options.command_airspeed else inputs.at_one_airspeed()
         if options.command_airspeed and inputs.mission.vehicle.airspeed_range_mps is None:
-            if inputs.world.vehicle.airspeed_range_mps is None:
+            if inputs.scenario.keys.vehicle.airframe.airspeed_range_mps is None:
                 message, keys = (
                     "the aircraft states no airspeeds to choose from",
                     "vehicle.airframe.airspeed_range_mps: [LOW, HIGH]",
@@ -226,7 +226,7 @@ class LinkFlight:
         autopilot = self._autopilot
         autopilot.armed, autopilot.ardupilot = values["armed"], values["home_is_item"]
         if first and self._send is not None:
-            known, vehicle = self._inputs.mission, self._inputs.world.vehicle
+            known, vehicle = self._inputs.mission, self._inputs.mission.vehicle
             home_m = known.way_home and known.way_home.altitude_m
             wanted = wanted_parameters(
                 known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot, home_altitude_m=home_m
@@ -349,7 +349,7 @@ def with_mission(inputs: FlightInputs, items: Sequence[MappedItem] | None) -> Fl
     if not items:
         return inputs
     mission, path = inputs.mission, items[-1].parameters
-    return replace(inputs, mission=replace(mission, parameters=(*path, *mission.parameters[len(path) :])))
+    return inputs.with_mission(parameters=(*path, *mission.parameters[len(path) :]))
 
 
 def fly(
@@ -420,7 +420,7 @@ def replay_flight(
                     flight.take(flight.reader.reading(number + 1, line))
         else:
             flight = LinkFlight(inputs, path, options, log, emit, warn)
-            _replay_messages(flight, path, inputs.world.plan, head, stream)
+            _replay_messages(flight, path, inputs.mission.plan, head, stream)
     if not flight.used:
         what = "a log of eadp replan, or a log (.tlog, .bin, .ulg) of a flight of the plan"
         raise InputError.at(path, 1, 1, "has no flight that can be used", what)

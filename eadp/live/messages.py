@@ -20,7 +20,7 @@ from eadp.live.mission import PROTOCOL
 from eadp.live.telemetry import Reading, TelemetryReader
 from eadp.models import autopilot
 from eadp.models.performance import calibrated_over_true
-from eadp.planning.base import Mission
+from eadp.models.world import Mission
 
 Values = dict[str, Any]
 Fields = Mapping[str, Any]

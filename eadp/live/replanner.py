@@ -25,7 +25,8 @@ from eadp.live.gate import Notice, OutlierGate
 from eadp.live.telemetry import KEYS, Reading, TelemetryReader, decision_line, json_line, numbered_lines, open_telemetry
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.stage import Parameter
-from eadp.planning.base import Mission, Sample
+from eadp.models.world import Mission
+from eadp.planning.base import Sample
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.registry import make_flight
 from eadp.plug_ins import code_identity

@@ -19,7 +19,8 @@ from eadp.io.text.streams import Text
 from eadp.live.flight import Advice
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery
-from eadp.planning.base import Mission, Mode, Sample
+from eadp.models.world import Mission
+from eadp.planning.base import Mode, Sample
 
 LINE_LIMIT_BYTES = 65_536
 MAX_UNKNOWN_KEYS = 100

@@ -22,7 +22,8 @@ from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.plan.stage import Box
-from eadp.planning.base import Mission, Observation, Sample
+from eadp.models.world import Mission
+from eadp.planning.base import Observation, Sample
 
 MAX_NOTICES = 100
 GOES_ON = "the flight goes on after the final point"

@@ -100,7 +100,7 @@ def _draw_period(axes: Axes, time: FloatArray, estimates: Sequence[PowerEstimate
 
 def _draw_battery(axes: Axes, world: World, steps: Sequence[Step], estimates: Sequence[PowerEstimate]) -> None:
     """State of charge, and the letter's output constraint beside the largest power of each horizon."""
-    time, battery = [step.time_s for step in steps], world.battery
+    time, battery = [step.time_s for step in steps], world.mission.battery
     limit = np.array([battery.power_limit_w(step.soc) for step in steps])
     limit[np.isinf(limit)] = np.nan
     label = "largest power" if battery.letter_crate_per_h is None else "limit b Q_c V"

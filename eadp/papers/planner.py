@@ -18,6 +18,7 @@ from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
+from eadp.models.world import Mission
 from eadp.papers.forecasting import scaling_factors
 from eadp.papers.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
 from eadp.papers.power import PowerTracker
@@ -34,7 +35,6 @@ from eadp.planning.base import (
     TIME,
     Decision,
     DecisionRecord,
-    Mission,
     Observation,
     PlannerSettings,
     TradeOff,

@@ -19,7 +19,7 @@ from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.trace import nominal_legs
-from eadp.models.world import Step
+from eadp.models.world import Mission, Step
 from eadp.papers.estimator import (
     LOOK_AHEADS,
     ONE_LAP_SHARE,
@@ -30,7 +30,7 @@ from eadp.papers.estimator import (
     PowerEstimate,
     PublishedEstimator,
 )
-from eadp.planning.base import Mission, Observation, Readings
+from eadp.planning.base import Observation, Readings
 from eadp.planning.state.power import max_reading_w
 from eadp.planning.state.queue import SAME_TIME_S, Seen
 

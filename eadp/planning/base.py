@@ -14,17 +14,13 @@ from typing import Annotated, Any, NamedTuple
 from annotated_types import Ge, Le, Len
 
 from eadp.core.arrays import Column, FloatArray, NotNegative, Reserve
-from eadp.core.flight import GUST_TIME_S
 from eadp.core.geometry.curves import Point
-from eadp.models.airspace import WayHome
 from eadp.models.autopilot import Autopilot
-from eadp.models.battery import LIMITS, Battery
-from eadp.models.computing import Computing
-from eadp.models.energy import EnergyModel
-from eadp.models.plan.cursor import PlanCursor, Rules, Vector
+from eadp.models.battery import LIMITS
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
-from eadp.models.vehicle import Airframe
+from eadp.models.world import Mission
 from eadp.plug_ins import plug_in
 
 SOC_JUMP = 0.01
@@ -416,47 +412,6 @@ class SolverReport:
     by_status: dict[str, int] = field(default_factory=dict)
     gaps: list[float] = field(default_factory=list)
     solve_ms: list[float] = field(default_factory=list)
-
-
-class Excess(NamedTuple):
-    """What a stage takes beside its path, whose turns the aircraft overshoots: time, and time integral of tan² of the
-    bank [s]."""
-
-    seconds: float
-    turning_s: float
-
-
-@dataclass(frozen=True)
-class Mission:
-    """The mission as known before take-off.
-
-    `vehicle` is the aircraft as stated, which may be another. `gust_time_s` is the time constant of gusts [s], and
-    `altitude_m` that of take-off [m]. `excess` is what stages that the aircraft cannot follow take beside their paths,
-    by number. `live` is whether forecasts are shown as they are made: none is older than a re-planning then.
-    `autopilot` is the one that flies, for its own rules.
-    `clock_s` is what the telemetry's clock shows at time 0 [s].
-    """
-
-    plan: Plan
-    computing: Computing
-    battery: Battery
-    vehicle: Airframe
-    parameters: Vector
-    start_m: Point | None = None
-    energy: EnergyModel | None = None
-    way_home: WayHome | None = None
-    rules: Rules = field(default_factory=Rules)
-    gust_time_s: float = GUST_TIME_S
-    altitude_m: float = 0.0
-    live: bool = False
-    clock_s: float = 0.0
-    excess: Mapping[int, Excess] = field(default_factory=dict)
-    autopilot: Autopilot = field(default_factory=Autopilot)
-
-    @property
-    def cruise_mps(self) -> float:
-        """Airspeed where a stage commands none [m/s]."""
-        return self.vehicle.airspeed_mps
 
 
 def allowed_levels(

@@ -95,7 +95,7 @@ class FlownFlight:
 
 def write_page(flight: Flight, folder: Path) -> None:
     """Write the page of a flight into its result folder."""
-    rows = [record_row(record, flight.inputs.world.plan.names) for record in flight.decisions]
+    rows = [record_row(record, flight.inputs.mission.plan.names) for record in flight.decisions]
     inputs, table = flight.inputs, flight.estimate_rows
     flown = FlownFlight(inputs.world, inputs.scenario, flight.summary, flight.lists, table, rows)
     (folder / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
@@ -104,7 +104,7 @@ def write_page(flight: Flight, folder: Path) -> None:
 def flight_data(flight: FlownFlight) -> dict[str, Any]:
     """The data of a flight's page."""
     world, summary = flight.world, flight.summary
-    plan, columns, rows = world.plan, flight.columns, account(summary, flight.scenario, world.plan)
+    plan, columns, rows = world.mission.plan, flight.columns, account(summary, flight.scenario, world.mission.plan)
     times = columns["time_s"]
     parameters = [
         {
@@ -119,14 +119,16 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
     ]
     values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())
     logged = zip(times, map(int, columns["stage"]), columns["x_m"], columns["y_m"], values, strict=False)
-    flown = PlanReplay(PlanCursor.start(plan, world.parameters, world.rules), world.start.position_m, logged)
+    flown = PlanReplay(
+        PlanCursor.start(plan, world.mission.parameters, world.mission.rules), world.start.position_m, logged
+    )
     return {
         "title": plan.name.rpartition("/")[2],
         "words": [text for label, text in rows if not label],
         "completed": summary["completed"],
         "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},
-        "reserve": None if world.battery.prescribed else summary["soc_reserve"],
-        "reserve_kept": None if world.battery.prescribed else summary["reserve_kept"],
+        "reserve": None if world.mission.battery.prescribed else summary["soc_reserve"],
+        "reserve_kept": None if world.mission.battery.prescribed else summary["reserve_kept"],
         "parameters": parameters,
         "stage": changes(times, [*map(int, columns["stage"])]),
         "lap": changes(times, flown.laps),
@@ -146,7 +148,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "decisions": decisions_data(
             [{**row, "parameters": plan.shown(row["parameters"])} for row in flight.decisions],
             columns,
-            plan.shown(dict(zip(plan.names, world.parameters, strict=True))),
+            plan.shown(dict(zip(plan.names, world.mission.parameters, strict=True))),
         ),
         "facts": [row for row in rows if row[0]],
     }

@@ -102,20 +102,20 @@ class _Flight:
 
     def __init__(self, world: World, flight: PlannedFlight, outcome: Outcome) -> None:
         self._world, self._outcome = world, outcome
-        cursor = PlanCursor.start(world.plan, world.parameters, world.rules)
+        cursor = PlanCursor.start(world.mission.plan, world.mission.parameters, world.mission.rules)
         self._executor = executor = PlanExecutor(cursor, world.start.position_m)
         self._inner_loop = InnerLoop(
-            state_of(world.vehicle, world.wind.steady_mps, *world.start),
-            constants_of(world.vehicle, world.guidance, world.wind, world.clock.step_s),
-            world.battery,
+            state_of(world.mission.vehicle, world.wind.steady_mps, *world.start),
+            constants_of(world.mission.vehicle, world.guidance, world.wind, world.clock.step_s),
+            world.mission.battery,
             world.wind,
             np.random.default_rng(world.seed),
         )
         self._planner, self._bridge = flight.planner, _PlannerBridge(world, flight, self._inner_loop, outcome)
         self._drops = _losses(world)
         self._loss_steps = list(self._drops)
-        computing_w = world.computing.power_w(executor.parameters, executor.stage.sets)
-        self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, computing_w)
+        computing_w = world.mission.computing.power_w(executor.parameters, executor.stage.sets)
+        self._log = ParameterLog(world.mission.plan, executor.cursor, executor.joined_m, computing_w)
         outcome.parameters = self._log
         self._inner_loop.start_stage(executor, computing_w)
         self._parameters = executor.parameters  # in force
@@ -163,7 +163,7 @@ class _Flight:
     def _log_rows(self, rows: list[list[float]], k: int) -> list[Step]:
         """Log rows, see `_PlannerBridge.log_rows`; keep their steps where the plan has obstacles or a boundary."""
         steps = self._bridge.log_rows(rows, k, self._plan_stage, self._parameters)
-        if any(self._world.plan.site.airspace):
+        if any(self._world.mission.plan.site.airspace):
             self._track += steps
         return steps
 
@@ -247,14 +247,14 @@ class _Flight:
         world, pose = self._world, self._pose()
         plan = _home_plan(world, self._executor.cursor, pose)
         lowest = tuple(box.lo for box in plan.stages[0].sets)
-        cursor = PlanCursor.start(plan, lowest, Rules(box_triggers=world.rules.box_triggers))
+        cursor = PlanCursor.start(plan, lowest, Rules(box_triggers=world.mission.rules.box_triggers))
         self._executor, self._home_as = PlanExecutor(cursor, pose[:2]), home_as
 
     def _start_flown(self) -> None:
         """Start what the executor flies now in the inner loop and in the log: another stage, or other parameters."""
         executor, time_s = self._executor, self._time_s
         self._parameters = executor.parameters
-        computing_w = self._world.computing.power_w(executor.parameters, executor.stage.sets)
+        computing_w = self._world.mission.computing.power_w(executor.parameters, executor.stage.sets)
         self._inner_loop.start_stage(executor, computing_w)
         if self._home_as is not None:  # the plan was given up, or is over
             self._log.give_up(time_s, executor.parameters, executor.stage.sets, computing_w)
@@ -271,7 +271,7 @@ class _Flight:
         PathUndefined
             If the first path cannot be evaluated where the flight starts.
         """
-        variable, battery = self._inner_loop.variable, self._world.battery
+        variable, battery = self._inner_loop.variable, self._world.mission.battery
         if events & SAGS:
             soc = variable(SOC)
             self._outcome.battery_limit = limit = battery.limit_at(battery.voltage_at(soc))
@@ -293,10 +293,10 @@ class _Flight:
         outcome.distance_m = variable(DISTANCE) * self._world.clock.step_s
         outcome.power_min_w, outcome.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
         # where, and how fast, the rest of the plan would have been flown
-        short_of = (variable(X), variable(Y)), self._world.vehicle.airspeed_mps
+        short_of = (variable(X), variable(Y)), self._world.mission.vehicle.airspeed_mps
         self._log.close(time_s, None if reason == COMPLETED else short_of)
         outcome.reason, outcome.duration_s, outcome.soc_final = reason, time_s, variable(SOC)
-        outcome.entries = self._world.plan.site.airspace.entries(
+        outcome.entries = self._world.mission.plan.site.airspace.entries(
             [step.time_s for step in self._track],
             [(step.x_m, step.y_m) for step in self._track],
             [step.altitude_m for step in self._track],
@@ -418,7 +418,7 @@ def log_every_s(world: World) -> float:
     Among obstacles or within a boundary it is `TRACK_S` at most, as rows are the track that is checked.
     """
     every_s = world.clock.log_every_s
-    return min(every_s, TRACK_S) if any(world.plan.site.airspace) else every_s
+    return min(every_s, TRACK_S) if any(world.mission.plan.site.airspace) else every_s
 
 
 def _losses(world: World) -> dict[int, float]:
@@ -428,8 +428,8 @@ def _losses(world: World) -> dict[int, float]:
     charge that is replayed.
     """
     drops = [(fault.at_s, fault.soc_drop) for fault in world.faults]
-    if world.battery.prescribed:
-        drops = [(t, 0.0) for (t, _), (after, _) in itertools.pairwise(world.battery.prescribed) if t == after]
+    if world.mission.battery.prescribed:
+        drops = [(t, 0.0) for (t, _), (after, _) in itertools.pairwise(world.mission.battery.prescribed) if t == after]
     losses: dict[int, float] = {}
     for at_s, drop in sorted(drops):
         step = step_at(at_s, world.clock.step_s, MAX_STEPS)

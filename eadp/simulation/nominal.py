@@ -23,7 +23,7 @@ from eadp.models.plan.stage import Leg, Stage
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
-from eadp.planning.base import Excess
+from eadp.models.world import Excess
 from eadp.simulation.aircraft import HEIGHT_GAIN, X, Y, constants_of, state_of
 from eadp.simulation.inner_loop import ENERGY, LOST, InnerLoop
 

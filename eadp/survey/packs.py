@@ -171,7 +171,7 @@ class PlannedSortie:
     @property
     def used(self) -> float:
         """Charge that the whole flight takes, as a share of a pack."""
-        charge, soc_end = self.inputs.world.battery.soc, self.forecast.forecast.soc_end
+        charge, soc_end = self.inputs.mission.battery.soc, self.forecast.forecast.soc_end
         # of a pack that is empty before the end, what the flight would take
         return charge - soc_end if soc_end else charge - self.inputs.scenario.keys.reserve_soc - self.spare
 

@@ -148,7 +148,7 @@ def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
 def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
     """The flight of a result folder. Raises InputError where its plan has another origin than the field."""
     flight, field = plug_in("results", "flight")(folder), planner.task.field
-    plan = flight.world.plan
+    plan = flight.world.mission.plan
     origin, own = plan.site.origin_deg, field.origin_deg
     if (origin is None) != (own is None) or (origin and own and math.dist(origin, own) > 1e-6):
         raise InputError.at(str(folder), 1, 1, "is of another field", f"a flight over {field.name or 'this field'}")
@@ -157,7 +157,7 @@ def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
         message = f"lines of {before_m:.3g} m were flown, and the rest is planned with {now_m:.3g} m: is the camera, "
         warn([Fault(str(folder), 1, 1, message + "its altitude or overlap another?", severity="warning")])
     columns = flown_of_plan(flight.columns, flight.summary["turned_back_s"])
-    heading_rad = _heading_of_lines_rad(plan, flight.world.parameters)
+    heading_rad = _heading_of_lines_rad(plan, flight.world.mission.parameters)
     return FlownSurvey(str(folder), flown_lines(plan, columns), heading_rad, plan.path_count > 0)
 
 

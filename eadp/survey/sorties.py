@@ -237,14 +237,14 @@ class SortiePlanner:
             spare = min(spare, -1e-6)  # cannot be flown
         if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
             share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
-            spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
+            spare = (inputs.mission.battery.soc - reserve_soc) * (1 - 1 / share)
         return PlannedSortie(planned.solution, planned, inputs, found, spare)
 
     def _min_count(self, sample: FlightInputs, division: Division) -> int:
         """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
         motion, world, heading_rad = self.task.motion, sample.world, self.heading_rad
-        computing_w, _ = world.computing.extreme(world.plan, "lo")
-        power_w, battery = world.vehicle.cruise_power_w + computing_w, world.battery
+        computing_w, _ = world.mission.computing.extreme(world.mission.plan, "lo")
+        power_w, battery = world.mission.vehicle.cruise_power_w + computing_w, world.mission.battery
         kept_s = battery.endurance_s(power_w, sample.scenario.keys.reserve_soc)
         pack_s = kept_s - battery.endurance_s(power_w, battery.soc)
         ahead = (math.cos(heading_rad), math.sin(heading_rad))

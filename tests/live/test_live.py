@@ -4,7 +4,6 @@ import itertools
 import json
 import math
 import shutil
-from dataclasses import replace
 
 import pytest
 from common import ROOT
@@ -318,7 +317,7 @@ def test_no_fixes_crash_it_and_advice_is_finite(planner, steps, near):
 
 def test_a_mission_without_a_start_starts_at_the_first_sample(recorded):
     inputs = recorded[0]
-    flight = live(replace(inputs, mission=replace(inputs.mission, start_m=None)))
+    flight = live(inputs.with_mission(start_m=None))
     advice, notices = flight.update(Sample(3.0, (-100.0, 220.0), 36.0, 0.9))
     assert notices == ()
     assert advice.stage == 1

@@ -16,7 +16,8 @@ from eadp.live.telemetry import LINE_LIMIT_BYTES, TelemetryLine, TelemetryReader
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.vehicle import FixedWing
-from eadp.planning.base import Mission, Mode
+from eadp.models.world import Mission
+from eadp.planning.base import Mode
 
 OF_KEY = {"x_m": "position_m"}
 GOOD = {"time_s": 1.0, "x_m": 2.0, "y_m": 3, "power_w": 36.5, "soc": 0.5}

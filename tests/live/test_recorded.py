@@ -92,7 +92,7 @@ def test_an_autopilots_airspeed_becomes_true_at_the_height_of_the_field(plan, he
     """√(ρ0/ρ) of the standard atmosphere; an airspeed that a log has as true stays."""
     inputs = load_flight(str(plan), scenario=SCENARIO)
     site = inputs.mission.plan.site._replace(ground_m=height_m)
-    inputs = replace(inputs, mission=replace(inputs.mission, plan=replace(inputs.mission.plan, site=site)))
+    inputs = inputs.with_mission(plan=replace(inputs.mission.plan, site=site))
     row = {"armed": True, "active": True, "time_s": 1.0, "lat_deg": ORIGIN[0], "lon_deg": ORIGIN[1]}
     for said, expected in (({"airspeed_mps": 12.0}, true_mps), ({"true_mps": 12.0, "airspeed_mps": 9.0}, 12.0)):
         (line,), _ = made_lines(inputs, [said, row])

@@ -470,7 +470,7 @@ def test_the_rest_for_px4_has_no_loiters(px4):
 
 def wanted_of(inputs):
     """The parameters that ArduPilot is asked for."""
-    aircraft = inputs.mission.plan, inputs.world.vehicle, inputs.mission.battery
+    aircraft = inputs.mission.plan, inputs.mission.vehicle, inputs.mission.battery
     wanted = [*wanted_parameters(*aircraft, ardupilot=True), *speed_limits(*aircraft[:2], ardupilot=True)]
     return read_parameters(wanted, ardupilot=True)
 

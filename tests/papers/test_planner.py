@@ -13,9 +13,10 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
+from eadp.models.world import Mission
 from eadp.papers.estimator import EstimatorSettings
 from eadp.papers.planner import VOLTAGE_STEP_V, PaperPlanner, PaperSettings, _crossing_s, _lasting_s, battery_near
-from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.planning.base import PlannerSettings, TradeOff
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.0, 12.0]))

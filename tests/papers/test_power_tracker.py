@@ -11,9 +11,10 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing
+from eadp.models.world import Mission
 from eadp.papers.estimator import EstimatorSettings
 from eadp.papers.power import PowerTracker, _estimator
-from eadp.planning.base import Mission, Readings
+from eadp.planning.base import Readings
 from eadp.planning.state.flight_state import FlightState
 
 ROUNDING = 1e-9

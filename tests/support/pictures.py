@@ -99,7 +99,7 @@ def three_planners(made: Path) -> Path:
         for command, name, style in zip(FLIGHTS, ("joint", "paper", "static"), ("-", "--", ":"), strict=True):
             assert main(shlex.split(command.format(out=made.parent))) in (0, 1)
             flight = read_folder(made.parent / name)
-            columns, spacing = flight.columns, flight.world.plan.parameters[0]
+            columns, spacing = flight.columns, flight.world.mission.plan.parameters[0]
             label = name if flight.summary["completed"] else f"{name}: NOT completed"
             for axes, values in zip(rows, (columns["soc"], [*map(spacing.shown, columns["c1"])]), strict=True):
                 axes.plot(columns["time_s"], values, style, label=label)

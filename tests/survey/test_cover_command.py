@@ -188,7 +188,7 @@ def test_its_energy_is_that_of_the_forecast(eadp, tmp_path, options):
     if "--wind" in options:
         keys |= {"wind.speed_mps": 4, "wind.from_deg": 200}
     profile = options[3] if "--profile" in options else None
-    whole = load_flight(plan, scenario=scenario, profile=profile, overrides=keys).world.plan
+    whole = load_flight(plan, scenario=scenario, profile=profile, overrides=keys).world.mission.plan
     lowest = {"parameters.c1": whole.hull(0).lo} if "zamboni" in options else {}
     for energy_wh, own in zip(stated, ({}, lowest), strict=True):
         flight = load_flight(plan, scenario=scenario, profile=profile, overrides=keys | own)

@@ -203,7 +203,7 @@ def flown_share(field, solution, path, wind_deg, c1):
     keys |= {"wind.speed_mps": 5, "wind.towards_deg": wind_deg} | ({"parameters": {"c1": c1}} if c1 < 0 else {})
     inputs = load_flight(str(path), overrides=keys)
     outcome, rest = Outcome(), shapely.Polygon(field.outline, field.holes)
-    kinds = {stage.index: stage.kind for stage in inputs.world.plan.stages}
+    kinds = {stage.index: stage.kind for stage in inputs.mission.plan.stages}
     runs = itertools.groupby(fly(inputs.world, inputs.flight(), outcome), key=lambda step: step.stage)
     for stage, steps in runs:
         points = [(step.x_m, step.y_m) for step in steps]

@@ -102,7 +102,7 @@ def test_the_forecast_of_a_mission_is_that_of_the_plan(landing, to):
     plan = load_flight(str(landing / "landing.plan"), overrides=FLOWN)
     mission = load_flight(str(landing / f"{to}.{ENDINGS[to]}"), overrides=FLOWN)
     assert plan.world.start.altitude_m == mission.world.start.altitude_m == 0
-    assert mission.world.plan.stages[-1].altitude_m == 0
+    assert mission.world.mission.plan.stages[-1].altitude_m == 0
     there, here = plan.preflight().forecast, mission.preflight().forecast
     assert here.energy_wh == pytest.approx(there.energy_wh, rel=0.01)
     assert here.remaining_s == pytest.approx(there.remaining_s, rel=0.01)
@@ -173,8 +173,8 @@ def test_circles_up_to_the_first_line_are_in_plan_flight_and_mission(eadp, tmp_p
     assert eadp("plan", flight, "--check").code == 0
     assert eadp("export", flight, "--to", to, "-o", out).code == 0
     plan, mission = (load_flight(str(file), overrides={"vehicle": FLOWN["vehicle"]}) for file in (flight, out))
-    (circle,) = {stage.trigger_at(()) for stage in plan.world.plan.stages if stage.command(31)}
-    assert any(stage.command(31) for stage in mission.world.plan.stages)
+    (circle,) = {stage.trigger_at(()) for stage in plan.world.mission.plan.stages if stage.command(31)}
+    assert any(stage.command(31) for stage in mission.world.mission.plan.stages)
     there, here = plan.preflight().forecast, mission.preflight().forecast
     assert here.energy_wh == pytest.approx(there.energy_wh, rel=0.01)
     if to != "ardupilot":
@@ -183,10 +183,10 @@ def test_circles_up_to_the_first_line_are_in_plan_flight_and_mission(eadp, tmp_p
     # heading required, to the left round 36 m, left along the tangent, up to the altitude of the lines
     assert (item[4], item[5], item[7], item[10]) == (1, -36, 1, 100)
     after = rows(out)[rows(out).index(item) + 1]
-    place = to_local_m(after[8], after[9], plan.world.plan.site.origin_deg)
+    place = to_local_m(after[8], after[9], plan.world.mission.plan.site.origin_deg)
     assert place == pytest.approx(circle, abs=0.01), "the line begins where the circle does"
     flown = fly(str(flight), overrides={"vehicle": FLOWN["vehicle"]}, warn=lambda _: None)
-    first = next(stage.index for stage in plan.world.plan.stages if stage.command(31))
+    first = next(stage.index for stage in plan.world.mission.plan.stages if stage.command(31))
     after = flown.columns["stage"].astype(int) > first
     assert flown.columns["altitude_m"][after].min() >= 98
 

@@ -229,8 +229,8 @@ def test_a_landing_over_terrain_is_exported_and_read_back(eadp, landing, tmp_pat
     assert eadp("export", plan, "--to", to, "-o", out).code == 0
     overrides = {"vehicle": WING[1]}
     there, here = (load_flight(str(file), overrides=overrides) for file in (plan, out))
-    assert here.world.plan.stages[-1].altitude_m == pytest.approx(found.plan.stages[-1].altitude_m, abs=0.01)
-    assert here.world.plan.stages[-2].altitude_m == found.plan.stages[-2].altitude_m
+    assert here.world.mission.plan.stages[-1].altitude_m == pytest.approx(found.plan.stages[-1].altitude_m, abs=0.01)
+    assert here.world.mission.plan.stages[-2].altitude_m == found.plan.stages[-2].altitude_m
     forecasts = [each.preflight().forecast for each in (there, here)]
     assert forecasts[1].energy_wh == pytest.approx(forecasts[0].energy_wh, rel=0.01)
     assert forecasts[1].remaining_s == pytest.approx(forecasts[0].remaining_s, rel=0.01)

@@ -242,10 +242,10 @@ def test_vehicle_files_are_read_once_and_told_apart(folder):
     files = pickle.loads(pickle.dumps(sweep.kept))
     keys = [sweep.run(k).key for k in range(2)]
     (folder / "slow.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 13}\n")
-    assert [load_run(files, sweep.run(k)).world.vehicle.airspeed_mps for k in range(2)] == [20, 12]
+    assert [load_run(files, sweep.run(k)).world.mission.vehicle.airspeed_mps for k in range(2)] == [20, 12]
     again = sweep_of(written(folder, content))
     assert [again.run(k).key == keys[k] for k in range(2)] == [True, False]
     masses = sweep_of(written(folder, "plan: line.plan\ngrid: {vehicle.airframe.mass_kg: [1, 1.5]}\n"))
-    assert load_run(masses.kept, masses.run(1)).world.vehicle.mass_kg == 1.5
+    assert load_run(masses.kept, masses.run(1)).world.mission.vehicle.mass_kg == 1.5
     with pytest.raises(InputError, match=r"unknown key vehicle\.mass_kg; expected vehicle\.airframe\.mass_kg"):
         sweep_of(written(folder, "plan: line.plan\ngrid: {vehicle.mass_kg: [1, 1.5]}\n"))

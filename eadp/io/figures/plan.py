@@ -135,7 +135,7 @@ def write_flight_figure(
 
     Written to `path` with the endings .svg and .png.
     """
-    plan, climbs = world.plan, any(stage.altitude_m is not None for stage in world.plan.stages)
+    plan, climbs = world.mission.plan, any(stage.altitude_m is not None for stage in world.mission.plan.stages)
     slows = len({step.airspeed_commanded_mps for step in steps}) > 1
     rows = 2 + climbs + slows + len(plan.parameters)
     with figure_pair(path, 11.5, 4.0 + rows) as figure:
@@ -187,14 +187,14 @@ def _headline(summary: Mapping[str, Any]) -> list[str]:
 def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: float | None = None) -> None:
     x, y = [step.x_m for step in steps], [step.y_m for step in steps]
     stages = np.array([step.stage for step in steps])
-    draw_ground(axes, world.plan.site.field, world.plan.site.airspace)
-    _draw_swath(axes, world.plan, steps, turned_back_s)
+    draw_ground(axes, world.mission.plan.site.field, world.mission.plan.site.airspace)
+    _draw_swath(axes, world.mission.plan, steps, turned_back_s)
     starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
     for start, end in itertools.pairwise([*starts, len(steps) - 1]):
-        colour, label = stage_style(world.plan.stages, int(stages[start]))
+        colour, label = stage_style(world.mission.plan.stages, int(stages[start]))
         axes.plot(x[start : end + 1], y[start : end + 1], color=colour, linewidth=1.2, label=label)
     axes.plot(x[0], y[0], **START)
-    final = point_at(world.plan.final_point, steps[-1].parameters, "the final point")
+    final = point_at(world.mission.plan.final_point, steps[-1].parameters, "the final point")
     axes.plot(*final, "*", color="black", markersize=11, label="final point")
     axes.plot(x[-1], y[-1], "s", color="black", markersize=4, markerfacecolor="white", label="end of the flight")
     label_map(axes, "Path flown")
@@ -210,7 +210,11 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: f
 def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence[DecisionRecord]) -> None:
     """What was decided at losses of charge, in its words, and the path that was planned before the last of them."""
     rows = ((step.time_s, step.stage, step.x_m, step.y_m, step.parameters) for step in steps)
-    replay = PlanReplay(PlanCursor.start(world.plan, world.parameters, world.rules), world.start.position_m, rows)
+    replay = PlanReplay(
+        PlanCursor.start(world.mission.plan, world.mission.parameters, world.mission.rules),
+        world.start.position_m,
+        rows,
+    )
     style: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "dashes": (3, 3), "label": "plan before the loss"}
     for leg in replay.before(lost[-1].time_s):
         axes.plot(*leg_points(leg, max(leg.distance_m / 40, 1.0)).T[:2], zorder=1, **style)
@@ -251,7 +255,7 @@ def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, res
     axes.plot(time, soc, color=COLOURS[2], linewidth=1.3, label="state of charge")
     axes.axhline(100 * reserve, color=COLOURS[6], linewidth=1.0, linestyle="--", label="reserve")
     for i, fault in enumerate(world.faults):
-        if fault.at_s <= time[-1] and not world.battery.prescribed:
+        if fault.at_s <= time[-1] and not world.mission.battery.prescribed:
             axes.axvline(fault.at_s, color=GREY, linewidth=0.8, linestyle=":")
             side = "right" if fault.at_s > time[-1] / 2 else "left"
             text = f" {100 * fault.soc_drop:.3g} % lost "

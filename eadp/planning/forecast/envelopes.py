@@ -21,7 +21,8 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.ground import QualityShares
 from eadp.models.plan.route import LegTable
 from eadp.models.plan.stage import Box, Stage
-from eadp.planning.base import Mission, PlannerSettings, TradeOff, allowed_levels, thinned
+from eadp.models.world import Mission
+from eadp.planning.base import PlannerSettings, TradeOff, allowed_levels, thinned
 
 MAX_CONFIGURATIONS = 50_000
 

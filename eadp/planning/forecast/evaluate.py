@@ -23,7 +23,8 @@ from eadp.models.battery import LOSS
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.route import Route, RouteArrays, leg_times_s
 from eadp.models.plan.stage import Leg, Stage, left_m
-from eadp.planning.base import Ending, Mission, PlannerSettings, TradeOff
+from eadp.models.world import Mission
+from eadp.planning.base import Ending, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import (
     LOSS_SQUARE,
     MIN_STD,

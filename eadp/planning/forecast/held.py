@@ -11,7 +11,8 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.route import PlannedLegs, Route, RoutePredictor
-from eadp.planning.base import Ending, Mission, PlannerSettings
+from eadp.models.world import Mission
+from eadp.planning.base import Ending, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
 from eadp.planning.forecast.home import Reach, home_ending, latest_turn_back, reach
 from eadp.planning.forecast.knapsack import Filling

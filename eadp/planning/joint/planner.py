@@ -23,6 +23,7 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.models.battery import LETTER
 from eadp.models.plan.cursor import Vector
+from eadp.models.world import Mission
 from eadp.planning.base import (
     BY_FALLBACK,
     FALLBACK,
@@ -36,7 +37,6 @@ from eadp.planning.base import (
     DecisionRecord,
     Ending,
     HomeRecord,
-    Mission,
     Observation,
     PlannerSettings,
     next_multiple,

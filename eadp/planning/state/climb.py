@@ -9,7 +9,7 @@ from typing import NamedTuple
 from eadp.models.autopilot import ARDUPILOT
 from eadp.models.plan.stage import Stage
 from eadp.models.vehicle import Aeroplane
-from eadp.planning.base import Mission
+from eadp.models.world import Mission
 
 TAKE_OFF_RAD, GROUND_M = math.radians(20.0), 5.0
 """Steepness of ArduPilot's take-off, which it flies at full throttle; and altitude below which a flight begins with it.

@@ -19,7 +19,8 @@ from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.models.vehicle import LEVEL_SHARE
-from eadp.planning.base import Mission, Observation, Readings, Sample
+from eadp.models.world import Mission
+from eadp.planning.base import Observation, Readings, Sample
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
 from eadp.planning.state.known import ChargeKnown, Joined, Known, TimeKnown, TimeRatio

@@ -9,7 +9,7 @@ import numpy as np
 
 from eadp.core.arrays import Column, FloatArray, columns
 from eadp.core.compiled import jitted
-from eadp.planning.base import Mission
+from eadp.models.world import Mission
 
 MAX_RATIO, PERSISTENT_S = 5.0, 5.0
 """A reading above this multiple of the mean is an outlier, unless readings stay there for this long [s]."""

@@ -95,7 +95,7 @@ def test_the_estimate_follows_the_flight(written, planner):
     with (folder / "estimate.csv").open(encoding="utf-8", newline="") as stream:
         rows = [{key: float(cell) for key, cell in row.items()} for row in csv.DictReader(stream)]
     assert len(rows) > 250
-    columns, battery = flight.columns, flight.inputs.world.battery
+    columns, battery = flight.columns, flight.inputs.mission.battery
     steps = [{key: values[i] for key, values in columns.items()} for i in range(len(columns["time_s"]))]
     for row, step in zip(rows[-200:], steps[-200:], strict=True):
         assert 0 <= step["time_s"] - row["time_s"] < 0.1 + 1e-6, "the reading before the logged moment"

@@ -20,9 +20,10 @@ from eadp.models.computing import join_profile
 from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing, PowerCurve
+from eadp.models.world import Mission
 from eadp.papers.horizon import Horizon
 from eadp.papers.planner import PaperSettings
-from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.planning.base import PlannerSettings, TradeOff
 from eadp.planning.registry import PLANNERS, make_flight, planner_class
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))

@@ -8,7 +8,7 @@ import eadp
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.plan.trace import whole_route
-from eadp.planning.base import Excess
+from eadp.models.world import Excess
 from eadp.simulation.nominal import Overshoot, overshoot_findings, overshoots
 
 HOME = (47.0, 8.0)
@@ -36,14 +36,14 @@ def test_a_path_too_sharp_to_follow_is_forecast_as_it_is_flown(tmp_path, wind):
     inputs = load_flight(path, overrides=wind)
     expected = inputs.preflight()
     summary = eadp.simulate(path, overrides=wind, warn=lambda _: None).summary
-    route = whole_route(inputs.world.plan, (), inputs.world.rules, inputs.world.start.position_m)
-    followed_s = route.times_s(inputs.world.vehicle.airspeed_mps, inputs.world.wind.steady_mps)[0].sum()
+    route = whole_route(inputs.mission.plan, (), inputs.mission.rules, inputs.world.start.position_m)
+    followed_s = route.times_s(inputs.mission.vehicle.airspeed_mps, inputs.world.wind.steady_mps)[0].sum()
     assert summary["completed"]
     assert followed_s < 0.9 * summary["duration_s"]  # of the path's own length it would be far off
     assert expected.forecast.remaining_s == pytest.approx(summary["duration_s"], rel=0.02)
     assert expected.forecast.energy_wh == pytest.approx(summary["energy_wh"], rel=0.06)
     powers_w = [3600 * energy / seconds for seconds, energy in expected.stages.values()]
-    assert max(powers_w) <= inputs.world.vehicle.max_motion_w
+    assert max(powers_w) <= inputs.mission.vehicle.max_motion_w
 
 
 def test_an_overshot_turn_widens_the_deviation(tmp_path):

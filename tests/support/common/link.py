@@ -147,7 +147,7 @@ class Autopilot:
             "soc": round(o.soc, 5),
             "velocity_mps": [round(value, 2) for value in o.sample.velocity_mps or ()],
             "heading_deg": round(90 - math.degrees(o.sample.heading_rad or 0.0), 1) % 360,
-            "parameters": dict(zip(self.inputs.world.plan.names, o.parameters, strict=True)),
+            "parameters": dict(zip(self.inputs.mission.plan.names, o.parameters, strict=True)),
         }
         return line | {"_sent": (o.time_s, (o.stage, o.cursor.lap))}
 

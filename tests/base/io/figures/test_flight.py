@@ -44,7 +44,7 @@ def lines(axes):
 def test_a_parameter_is_drawn_in_its_unit(flight):
     spacing, fps = Figure().subplots(2, 1)
     for i, axes in enumerate((spacing, fps)):
-        _draw_parameter(axes, flight.columns["time_s"], flight.steps, flight.inputs.world.plan, i)
+        _draw_parameter(axes, flight.columns["time_s"], flight.steps, flight.inputs.mission.plan, i)
     assert (spacing.get_title(), spacing.get_ylabel(), fps.get_title()) == ("spacing", "[m]", "fps")
     assert set(spacing.lines[0].get_ydata()) == {10.0}, "the least spacing, at the highest c1"
     low, high = spacing.get_ylim()

@@ -30,8 +30,8 @@ from eadp.models.plan.stage import left_m, leg_points
 from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
-from eadp.models.world import TakeOff, Timing, World
-from eadp.planning.base import Mission, PlannerSettings
+from eadp.models.world import Mission, TakeOff, Timing, World
+from eadp.planning.base import PlannerSettings
 from eadp.planning.registry import Planner
 from eadp.simulation.loop import Outcome, fly
 

@@ -63,7 +63,7 @@ def test_in_flight_too(text, within, inputs_of):
     """Climbs that are flown are not learned as power of level flight; changes of the airspeed are, a little."""
     inputs = inputs_of(text, "joint", **WIND, **{"planner.joint.loss_rate_per_h": 0.0})
     _, outcome = flown(inputs)
-    used = inputs.world.battery.soc - outcome.soc_final
+    used = inputs.mission.battery.soc - outcome.soc_final
     for record in outcome.records:
         assert record.ending.soc_end == pytest.approx(outcome.soc_final, abs=within * used)
         assert record.time_s + record.ending.remaining_s == pytest.approx(outcome.duration_s, rel=0.025)

@@ -15,7 +15,8 @@ from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing
-from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.models.world import Mission
+from eadp.planning.base import PlannerSettings, TradeOff
 from eadp.planning.forecast.envelopes import Envelopes, concave_envelope
 
 HULL, ALGEBRA = 1e-9, 1e-9

@@ -165,7 +165,7 @@ def test_other_computations_are_held_too():
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
     low, high = (held.at(known, (-500.0, rate)) for rate in (2.0, 10.0))
     assert low.remaining_s == high.remaining_s
-    sets = inputs.world.plan.stages[0].sets
+    sets = inputs.mission.plan.stages[0].sets
     powers_w = [inputs.mission.computing.power_w((-500.0, rate), sets) for rate in (2.0, 10.0)]
     more_wh = (powers_w[1] - powers_w[0]) * low.remaining_s / 3600
     assert high.energy_wh - low.energy_wh == pytest.approx(more_wh, rel=1e-6)

@@ -12,7 +12,8 @@ from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
-from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
+from eadp.models.world import Mission
+from eadp.planning.base import Observation, PlannerSettings, Sample
 from eadp.planning.joint.planner import JointPlanner
 
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))

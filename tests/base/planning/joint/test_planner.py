@@ -19,7 +19,8 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
-from eadp.planning.base import SHORT, Mission, PlannerSettings
+from eadp.models.world import Mission
+from eadp.planning.base import SHORT, PlannerSettings
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, JointPlanner
 from eadp.planning.joint.policy import SETTLED_S
 from eadp.planning.joint.settings import JointSettings

@@ -117,7 +117,7 @@ def test_it_knows_the_flight():
     assert known.soc == pytest.approx(steps[-1].soc, abs=0.01)
     assert known.time.ratio == pytest.approx(1.0, abs=0.03)
     # the mean power of the motion over the flight, a + b tan² φ
-    sets, power_w = inputs.world.plan.stages[0].sets, inputs.mission.computing.power_w
+    sets, power_w = inputs.mission.plan.stages[0].sets, inputs.mission.computing.power_w
     mean_w = np.mean([step.power_w - power_w(step.parameters, sets) for step in steps])
     assert known.motion.level_w < mean_w + 0.5
     assert known.motion.level_w == pytest.approx(mean_w, rel=0.15)
