@@ -79,6 +79,6 @@ def test_of_many_turns_the_worst_are_named_and_the_others_counted():
 def test_what_can_be_followed_is_left_as_it_is(tmp_path):
     agile = load_flight(mission(tmp_path, WIDE), overrides={"vehicle.airframe.max_bank_deg": 60}).world
     wide = load_flight(mission(tmp_path, WIDE)).world
-    route = whole_route(wide.plan, (), wide.rules, wide.start.position_m)
-    assert not overshoots(route, agile.vehicle, agile.guidance, (0.0, 0.0))
-    assert overshoots(route, wide.vehicle, wide.guidance, (8.0, 0.0))
+    route = whole_route(wide.mission.plan, (), wide.mission.rules, wide.start.position_m)
+    assert not overshoots(route, agile.mission.vehicle, agile.guidance, (0.0, 0.0))
+    assert overshoots(route, wide.mission.vehicle, wide.guidance, (8.0, 0.0))
