@@ -400,8 +400,9 @@ def simulated(c1, wind, step_s):
     start, heading = default_start(plan, parameters)
     computing, battery, plane = Computing(1, None), Battery(capacity_ah=50), FixedWing()
     begins, clock = TakeOff(start, heading, 25.0), Timing(step_s)
-    world = World(plan, computing, plane, Guidance(), wind, battery, (), begins, parameters, FLOWN, clock)
-    mission = Mission(plan, computing, battery, plane, parameters, start, altitude_m=plane.cruise_altitude_m)
+    altitude_m = plane.cruise_altitude_m
+    mission = Mission(plan, computing, battery, plane, parameters, start, rules=FLOWN, altitude_m=altitude_m)
+    world = World(mission, Guidance(), wind, (), begins, clock)
     outcome = Outcome()
     for _ in fly(world, Piloted(Planner(PlannerSettings(), mission)), outcome):
         pass
