@@ -111,7 +111,7 @@ class _Flight:
             world.wind,
             np.random.default_rng(world.seed),
         )
-        self._planner, self._bridge = flight.planner, _PlannerBridge(world, flight, self._inner_loop, outcome)
+        self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
         self._drops = _losses(world)
         self._loss_steps = list(self._drops)
         computing_w = world.mission.computing.power_w(executor.parameters, executor.stage.sets)
@@ -228,7 +228,7 @@ class _Flight:
         if changed:
             return self._k + 1
         if due:
-            return max(self._k + 1, step_at(self._planner.next_update_s, self._world.clock.step_s, end))
+            return max(self._k + 1, step_at(self._bridge.next_update_s, self._world.clock.step_s, end))
         return self._next_update
 
     def _decide(self) -> bool:
@@ -346,6 +346,11 @@ class _PlannerBridge:
         self.logged_to = -1
         """The last step logged."""
         self._decided = flight.decision  # the last decision given out
+
+    @property
+    def next_update_s(self) -> float:
+        """When the planner is due [s]."""
+        return self._flight.planner.next_update_s
 
     def new_decision(self) -> Decision | None:
         """The planner's decision, once; None where nothing was decided since."""
