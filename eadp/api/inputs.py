@@ -66,7 +66,7 @@ class Files:
         self._contents: dict[tuple[str, Callable[[Text], Any]], Any] = {}
 
     def __getstate__(self) -> tuple[str, dict[str, Text]]:
-        return code_identity(), self.texts
+        return code_identity(), {path: replace(text) for path, text in self.texts.items()}  # without their lines
 
     def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
         sent_by, self.texts = state

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from eadp import plug_ins
-from eadp.api.inputs import load_flight
+from eadp.api.inputs import Files, load_flight
 from eadp.errors import EadpError, InputError
 from eadp.io.text.streams import read_text
 from eadp.sweep.run import FlyRun
@@ -231,6 +231,11 @@ def test_another_versions_work_is_refused(folder, monkeypatch):
     monkeypatch.setattr(module, "code_identity", lambda: "eadp 99")
     with pytest.raises(EadpError, match=r"it has eadp 99, and the sender eadp 0"):
         pickle.loads(pickled)
+
+
+def test_workers_are_sent_texts_and_not_what_was_read_of_them(folder):
+    kept = sweep_of(written(folder, "plan: line.plan\n")).kept
+    assert len(pickle.dumps(kept)) == len(pickle.dumps(Files({path: read_text(path) for path in kept.texts})))
 
 
 def test_vehicle_files_are_read_once_and_told_apart(folder):
