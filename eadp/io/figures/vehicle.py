@@ -31,7 +31,7 @@ def write_vehicle_figure(path: str, name: str, airframe: Airframe, found: Perfor
             label = f"bank {bank:g}°" if bank else "level flight"
             powers = [airframe.level_power_w(float(v), math.radians(bank)) + computing_w for v in speeds]
             if isinstance(airframe, FixedWing):  # no curve where the wing stalls
-                slow = speeds < airframe.stall_mps / math.sqrt(math.cos(math.radians(bank)))
+                slow = speeds < airframe.stall_in_turn_mps(math.radians(bank))
                 powers = np.where(slow, math.nan, powers).tolist()
             axes.plot(speeds, powers, color=colour, label=label, marker="" if high > low else "s")
         held_w = found.level_power_w + computing_w
