@@ -223,16 +223,12 @@ def _read_complex(item: _Value, draft: MissionDraft) -> None:
     if name.value in LANDINGS:
         _read_landing(item, draft, LANDINGS[name.value])
         return
-    transects, nothing = (
-        item.member(_TRANSECTS),
-        item.error(f"a {name.value} without items", f"its items in {_TRANSECTS}.Items"),
-    )
-    if transects.value is None:
-        raise nothing
-    if (hover := transects.member("HoverAndCapture")).value is True:
+    transects = item.member(_TRANSECTS)
+    if transects.value is not None and (hover := transects.member("HoverAndCapture")).value is True:
         raise hover.error("the aircraft hovers for each picture", "false: a fixed wing does not hover")
-    if not (items := transects.member("Items").elements()):
-        raise nothing
+    items = [] if transects.value is None else transects.member("Items").elements()
+    if not items:
+        raise item.error(f"a {name.value} without items", f"its items in {_TRANSECTS}.Items")
     for each in items:
         _read_simple(each.is_(JsonObject), draft)
 
