@@ -149,28 +149,9 @@ def _text(fit: LogFit) -> str:
         *([f"R²       {model.cv_r2:.4f} cross-validated"] if model.periodic else []),
         f"samples  {model.samples} over {model.span_s:.6g} s{searched}",
     ]
-    return "\n".join([*lines, *_left_out(fit.counts), *_terms(model)])
-
-
-_REASONS = {
-    "empty": "with an empty cell",
-    "not_finite": "not finite",
-    "unknown": "unknown",
-    "restart": "outside the longest run",
-    "repeated": "at the time of another",
-    "no_configuration": "without a configuration",
-    "outside": "outside --from and --to",
-    "spikes": "spikes",  # and one of them is "1 spike"
-}
-
-
-def _left_out(counts: Mapping[str, int | float]) -> list[str]:
-    parts = [f"{counts[key]} {words}" for key, words in _REASONS.items() if counts.get(key)]
-    parts = ["1 spike" if part == "1 spikes" else part for part in parts]
-    lines = [f"left out {', '.join(parts)}"] if parts else []
-    if counts.get("gaps"):
-        lines.append(f"gaps     {counts['gaps']}, the longest {counts['longest_gap_s']:.3g} s")
-    return lines
+    if "gaps" in fit.counts:
+        lines.append(f"gaps     {fit.counts['gaps']}, the longest {fit.counts['longest_gap_s']:.3g} s")
+    return "\n".join([*lines, *_terms(model)])
 
 
 def _terms(model: EnergyModel) -> list[str]:

@@ -49,6 +49,31 @@ _INSTANCE = ("Instance", "Inst", "I")
 
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     """The power log of one battery, voltage times current; raises InputError."""
+    _refuse_columns(name, columns)
+    time_us, factors, notes = battery_table(name, tables, columns.instance)
+    for what, values in zip(("voltage", "current"), factors.T, strict=True):
+        if len(values) and not (np.isfinite(values) & (values != 0) & (values != -1)).any():
+            message = f"no {what} is measured: it is -1 or 0 throughout"
+            raise InputError.at(name, 1, 1, message, "a log of a power module")
+    readings = LogReadings(
+        name,
+        raw=time_us,
+        per_second=1e6,
+        factors=factors,
+        lines=np.ones(len(time_us), dtype=np.int64),
+        also=autopilot_motion(tables, time_us) if columns.motion else {},
+        warnings=[Fault(name, 1, 1, note, severity="warning") for note in notes],
+        counts={"rows": len(time_us)},
+    )
+    known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
+    if unknown := int(np.count_nonzero(~known)):
+        readings.counts["unknown"] = unknown
+        readings.warn(1, f"{rows_text(unknown)} with an unknown voltage (0 or -1) or current (-1) left out")
+    return replace(in_order(readings.at(known)), battery=_of_battery(tables, columns.instance))
+
+
+def _refuse_columns(name: str, columns: Columns) -> None:
+    """Refuse options that name columns of a CSV."""
     asked = {"--power": ", ".join(columns.power), "--voltage": columns.voltage, "--current": columns.current}
     asked |= {"--time": columns.time, "--time-unit": columns.time_unit or ""}
     for option, given in asked.items():
@@ -56,23 +81,6 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
             raise InputError.at(option, 1, 1, "an autopilot's log has no such columns", "none of it", given)
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
-    time_us, factors, notes = battery_table(name, tables, columns.instance)
-    warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
-    counts: dict[str, int | float] = {"rows": len(time_us)}
-    known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
-    for what, values in zip(("voltage", "current"), factors.T, strict=True):
-        if len(values) and not (np.isfinite(values) & (values != 0) & (values != -1)).any():
-            message = f"no {what} is measured: it is -1 or 0 throughout"
-            raise InputError.at(name, 1, 1, message, "a log of a power module")
-    if unknown := int(np.count_nonzero(~known)):
-        counts["unknown"] = unknown
-        message = f"{rows_text(unknown)} with an unknown voltage (0 or -1) or current (-1) left out"
-        warnings.append(Fault(name, 1, 1, message, severity="warning"))
-    motion = autopilot_motion(tables, time_us) if columns.motion else {}
-    others = np.stack([*motion.values(), time_us], axis=1)[:, :-1]
-    readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
-    log = in_order(name, readings, 1e6, warnings, counts, also=tuple(motion))
-    return replace(log, battery=_of_battery(tables, columns.instance))
 
 
 def _of_battery(tables: Tables, instance: int | None) -> dict[str, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -18,7 +18,7 @@ from eadp.io.profile.model_file import read_profile
 from eadp.io.text.options import Flag
 from eadp.measure.formats import read_power_log
 from eadp.measure.noise import spikes
-from eadp.measure.power_log import Columns, PowerLog
+from eadp.measure.power_log import Columns, PowerLog, rows_text
 from eadp.measure.spectrum import Spectrum, analyse
 from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.profile import Profile
@@ -240,68 +240,59 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         Of the options, with the faults of a file, or if the log is too short.
     """
     options.check()
-    profile, warnings = read_profile(options.profile) if options.profile else (None, [])
+    profile, profile_warnings = read_profile(options.profile) if options.profile else (None, [])
     log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
-    warnings = [*log.warnings, *warnings]
-    counts = dict(log.counts)
-    log = log_part(log, options.start_s, options.end_s, counts)
-    power_w = log.power_w
+    log = log_part(log, options.start_s, options.end_s)
     if profile is not None:
-        configurations = np.stack([log.also[name] for name in profile.names], axis=1)
-        known = np.isfinite(configurations).all(axis=1)
-        if not known.all():
-            counts["no_configuration"] = int(np.count_nonzero(~known))
-        log = _kept(log, np.flatnonzero(known))
-        power_w = log.power_w - _computing_power_w(options.profile, profile, configurations[known])
+        log = _without_computations(log, options.profile, profile)
     prior_s = options.period_prior_s
     try:
-        fitted = fit_energy(log.times_s, power_w, order=options.order, period_prior_s=prior_s)
+        fitted = fit_energy(log.times_s, log.power_w, order=options.order, period_prior_s=prior_s)
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error)) from None
+    counts = log.counts | ({"spikes": len(fitted.spikes)} if len(fitted.spikes) else {})
+    notes = [Fault(log.name, 1, 1, message, severity="warning") for message in _notes(log, fitted)]
+    return LogFit(fitted, prior_s, counts, [*log.warnings, *profile_warnings, *notes])
+
+
+def _notes(log: PowerLog, fitted: EnergyFit) -> Iterator[str]:
+    """What is to be known of a fit: spikes left out, and a period that drifts."""
     if len(fitted.spikes):
-        counts["spikes"] = len(fitted.spikes)
-        first_s = float(log.times_s[fitted.spikes[0]])
         many = f"{len(fitted.spikes)} spikes" if len(fitted.spikes) > 1 else "1 spike"
-        message = f"{many} left out, the first at {first_s:.6g} s"
-        warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
+        yield f"{many} left out, the first at {float(log.times_s[fitted.spikes[0]]):.6g} s"
     if fitted.spectrum.drift_s is not None:
         low_s, high_s = fitted.spectrum.drift_s
-        message = f"the period drifts: {low_s:.4g} s to {high_s:.4g} s in parts of the log"
-        warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
-    return LogFit(fitted, prior_s, counts, warnings)
+        yield f"the period drifts: {low_s:.4g} s to {high_s:.4g} s in parts of the log"
 
 
-def log_part(log: PowerLog, start_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
-    """The log from one time to another."""
+def log_part(log: PowerLog, start_s: float | None, end_s: float | None) -> PowerLog:
+    """The log from one time to another; raises InputError where nothing of it is left."""
     inside = (log.times_s >= (start_s or 0.0)) & (log.times_s <= (math.inf if end_s is None else end_s))
     if inside.all():
         return log
-    counts["outside"] = int(np.count_nonzero(~inside))
     if not inside.any():
         option = "--from" if start_s is not None and start_s > log.times_s[-1] else "--to"
         raise InputError.at(option, 1, 1, "leaves nothing of the log", f"a time within its {log.times_s[-1]:g} s")
-    return _kept(log, np.flatnonzero(inside))
+    counts = log.counts | {"outside": int(np.count_nonzero(~inside))}
+    return replace(log.at(np.flatnonzero(inside)), counts=counts)
 
 
-def _kept(log: PowerLog, inside: IntArray) -> PowerLog:
-    return replace(
-        log,
-        times_s=log.times_s[inside],
-        power_w=log.power_w[inside],
-        voltage_v=None if log.voltage_v is None else log.voltage_v[inside],
-        current_a=None if log.current_a is None else log.current_a[inside],
-        also={name: values[inside] for name, values in log.also.items()},
-    )
-
-
-def _computing_power_w(path: str, profile: Profile, configurations: FloatArray) -> FloatArray:
-    """The computations' power at each reading [W]."""
-    different, which = np.unique(configurations, axis=0, return_inverse=True)
+def _without_computations(log: PowerLog, path: str, profile: Profile) -> PowerLog:
+    """The log less the computations' power, where it has a configuration of the profile, which is read from a path."""
+    configurations = np.stack([log.also[name] for name in profile.names], axis=1)
+    known = np.isfinite(configurations).all(axis=1)
+    different, which = np.unique(configurations[known], axis=0, return_inverse=True)
     try:
-        power = np.array([profile.power_w_at(one.tolist()) for one in different], dtype=float)
+        powers_w = np.array([profile.power_w_at(one.tolist()) for one in different], dtype=float)
     except Infeasible as error:
         raise InputError.at(path, 1, 1, f"the log has a configuration outside the profile: {error}") from None
-    return power[which.ravel()] if len(power) else np.zeros(len(configurations))
+    counts, warnings = log.counts, log.warnings
+    if unknown := int(np.count_nonzero(~known)):
+        counts = counts | {"no_configuration": unknown}
+        message = f"{rows_text(unknown)} without a configuration left out"
+        warnings = [*warnings, Fault(log.name, 1, 1, message, severity="warning")]
+    log = log.at(np.flatnonzero(known))
+    return replace(log, power_w=log.power_w - powers_w[which.ravel()], counts=counts, warnings=warnings)
 
 
 def fit_power(

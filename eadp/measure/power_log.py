@@ -123,147 +123,163 @@ class PowerLog:
     counts: dict[str, int | float] = field(default_factory=dict)
     battery: dict[str, float] = field(default_factory=dict)
 
+    def at(self, index: IntArray) -> PowerLog:
+        """Some of the readings, at their times."""
+        return replace(
+            self,
+            times_s=self.times_s[index],
+            power_w=self.power_w[index],
+            voltage_v=None if self.voltage_v is None else self.voltage_v[index],
+            current_a=None if self.current_a is None else self.current_a[index],
+            also={name: values[index] for name, values in self.also.items()},
+        )
+
 
 @dataclass(frozen=True)
 class LogReadings:
-    """The readings of a log as arrays of one length, in the order of the file.
+    """The readings of a log as arrays of one length, in the order of the file, and what was left out before.
 
     Attributes
     ----------
+    name : str
+        The file.
     raw : array, shape (n,)
         Times in the unit of the file.
+    per_second : float
+        How many of that unit make a second.
     factors : array, shape (n, 1) or (n, 2)
         Power [W], or voltage [V] and current [A].
-    others : array, shape (n, m)
-        The other columns asked for.
     lines : array, shape (n,)
         Line numbers.
+    also, warnings, counts
+        As those of `PowerLog`; the last two grow as readings are left out.
+    columns : tuple of str
+        Names of the columns of the factors.
     """
 
+    name: str
     raw: FloatArray
+    per_second: float
     factors: FloatArray
-    others: FloatArray
     lines: IntArray
+    also: dict[str, FloatArray]
+    warnings: list[Fault]
+    counts: dict[str, int | float]
+    columns: tuple[str, ...] = ("voltage", "current")
 
     def at(self, index: NDArray[Any] | slice) -> LogReadings:
         """Some of the readings."""
-        return LogReadings(self.raw[index], self.factors[index], self.others[index], self.lines[index])
+        also = {name: values[index] for name, values in self.also.items()}
+        return replace(self, raw=self.raw[index], factors=self.factors[index], lines=self.lines[index], also=also)
+
+    def warn(self, line: int, message: str, expected: str = "") -> None:
+        """Add a warning."""
+        self.warnings.append(Fault(self.name, line, 1, message, expected, severity="warning"))
 
 
 _NAMED_SO = "columns in mW, mV or mA are named so"
 
 
-def in_order(
-    name: str,
-    readings: LogReadings,
-    per_second: float,
-    warnings: list[Fault],
-    counts: dict[str, int | float],
-    *,
-    also: Sequence[str] = (),
-    names: Sequence[str] = ("voltage", "current"),
-) -> PowerLog:
-    """The log of readings in order of time, each time once; `names` are those of the columns of the factors.
+def in_order(readings: LogReadings) -> PowerLog:
+    """The log of readings in order of time, each time once.
 
     Raises
     ------
     InputError
-        If too few readings, or too short a time, are left to find a period.
+        If too few readings, or too short a time, are left to find a period; or if they are of no aircraft.
     """
+    name = readings.name
     if len(readings.raw) < MIN_SAMPLES:
         message = f"{len(readings.raw)} readings"
-        raise InputError(*warnings, Fault(name, 1, 1, message, f"{MIN_SAMPLES} or more, to find a period in"))
-    readings = _sorted(name, readings, warnings, counts)
-    times = (readings.raw - readings.raw[0]) / per_second  # the difference first: a date in µs has no digits to spare
-    if len(times) < MIN_SAMPLES or times[-1] < SHORTEST_S:
-        message = f"{len(times)} readings at different times, over {times[-1]:g} s"
+        raise InputError(*readings.warnings, Fault(name, 1, 1, message, f"{MIN_SAMPLES} or more, to find a period in"))
+    readings = _each_time_once(_sorted(_longest_run(readings)))
+    # the difference first: a date in µs has no digits to spare
+    times_s = (readings.raw - readings.raw[0]) / readings.per_second
+    if len(times_s) < MIN_SAMPLES or times_s[-1] < SHORTEST_S:
+        message = f"{len(times_s)} readings at different times, over {times_s[-1]:g} s"
         raise InputError(Fault(name, 1, 1, message, f"{MIN_SAMPLES} or more, over {SHORTEST_S:g} s or longer"))
-    gap = _count_gaps(times, counts)
-    if times[gap + 1] - times[gap] > times[-1] / 2:
-        message = f"a gap of {times[gap + 1] - times[gap]:g} s before this row, more than half of the log"
-        warnings.append(Fault(name, int(readings.lines[gap + 1]), 1, message, severity="warning"))
-    mean_w = float(readings.factors.prod(axis=1).mean())
-    if abs(mean_w) > IMPOSSIBLE_W:
-        means = readings.factors.mean(axis=0)
-        columns = ", ".join(f"{printable(what, 80)} {mean:.4g}" for what, mean in zip(names, means, strict=True))
-        message = f"a mean power of {mean_w:.4g} W (mean of the columns: {columns})"
-        raise InputError.at(name, 1, 1, message, f"at most {IMPOSSIBLE_W:g} W; {_NAMED_SO}")
-    warnings += _doubts(name, times, readings.factors.prod(axis=1))
-    found = sorted(warnings, key=lambda fault: (fault.line, fault.column))
-    factors, others = readings.factors, readings.others
-    volts, amps = (factors[:, 0], factors[:, 1]) if factors.shape[1] == 2 else (None, None)
-    named = dict(zip(also, others.T, strict=True))
-    return PowerLog(name, times, factors.prod(axis=1), found, volts, amps, named, counts)
+    _note_gaps(readings, times_s)
+    power_w = readings.factors.prod(axis=1)
+    _check_units(readings, times_s, power_w)
+    warnings = sorted(readings.warnings, key=lambda fault: (fault.line, fault.column))
+    volts, amps = readings.factors.T if readings.factors.shape[1] == 2 else (None, None)
+    return PowerLog(name, times_s, power_w, warnings, volts, amps, readings.also, readings.counts)
 
 
-def _doubts(name: str, times_s: FloatArray, power_w: FloatArray) -> list[Fault]:
-    """Warnings about values that may be in other units, or of another sign."""
+def _longest_run(readings: LogReadings) -> LogReadings:
+    """All readings; or the longest run where a clock was set back: seldom, by much, and with enough rows between."""
+    raw = readings.raw
+    back = np.flatnonzero(np.diff(raw) < 0) + 1
+    runs = np.diff([0, *back.tolist(), len(raw)])
+    step = float(np.median(np.abs(np.diff(raw))))
+    if not 0 < len(back) <= RESTARTS or runs.min() < MIN_SAMPLES or (raw[back - 1] - raw[back] <= 10 * step).any():
+        return readings
+    longest = int(np.argmax(runs))
+    start = int(runs[:longest].sum())
+    stop = start + int(runs[longest])
+    lost = readings.counts["restart"] = len(raw) - (stop - start)
+    message = f"the clock is set back here: {rows_text(lost)} outside the longest run left out"
+    readings.warn(int(readings.lines[start or stop]), message)
+    return readings.at(slice(start, stop))
+
+
+def _sorted(readings: LogReadings) -> LogReadings:
+    """The readings in order of time."""
+    late = np.flatnonzero(readings.raw < np.maximum.accumulate(readings.raw))
+    if not len(late):
+        return readings
+    readings.counts["late"] = len(late)
+    _warn_of_rows(readings, readings.lines[late].tolist(), "earlier than one before: sorted by time")
+    return readings.at(np.argsort(readings.raw, kind="stable"))
+
+
+def _each_time_once(readings: LogReadings) -> LogReadings:
+    """The first of the readings at each time."""
+    repeated = np.flatnonzero(np.diff(readings.raw) == 0) + 1
+    if not len(repeated):
+        return readings
+    readings.counts["repeated"] = len(repeated)
+    _warn_of_rows(readings, readings.lines[repeated].tolist(), "at the time of another left out")
+    return readings.at(np.delete(np.arange(len(readings.raw)), repeated))
+
+
+def _note_gaps(readings: LogReadings, times_s: FloatArray) -> None:
+    """Count the gaps, and warn of one that is more than half of the log."""
+    steps_s = np.diff(times_s)
+    longest, longest_s = int(np.argmax(steps_s)), float(steps_s.max())
+    if gaps := int(np.count_nonzero(steps_s > GAP * np.median(steps_s))):
+        readings.counts.update(gaps=gaps, longest_gap_s=longest_s)
+    if longest_s > times_s[-1] / 2:
+        message = f"a gap of {longest_s:g} s before this row, more than half of the log"
+        readings.warn(int(readings.lines[longest + 1]), message)
+
+
+def _check_units(readings: LogReadings, times_s: FloatArray, power_w: FloatArray) -> None:
+    """Refuse values that are in other units for sure; warn of those that may be, or that are of another sign."""
     step_s, mean_w = float(np.median(np.diff(times_s))), float(power_w.mean())
-    found = []
+    if abs(mean_w) > IMPOSSIBLE_W:
+        means = zip(readings.columns, readings.factors.mean(axis=0), strict=True)
+        columns = ", ".join(f"{printable(what, 80)} {mean:.4g}" for what, mean in means)
+        message = f"a mean power of {mean_w:.4g} W (mean of the columns: {columns})"
+        raise InputError.at(readings.name, 1, 1, message, f"at most {IMPOSSIBLE_W:g} W; {_NAMED_SO}")
     if step_s > SLOW_S or times_s[-1] > LONG_S:
         message = f"a row every {step_s:.3g} s, over {times_s[-1] / 3600:.3g} h"
-        found.append((message, "a log of a flight; --time-unit sets the unit of the time"))
+        readings.warn(1, message, "a log of a flight; --time-unit sets the unit of the time")
     if mean_w > LARGE_W:
-        found.append((f"a mean power of {mean_w:.4g} W", f"at most {LARGE_W:g} W; {_NAMED_SO}"))
+        readings.warn(1, f"a mean power of {mean_w:.4g} W", f"at most {LARGE_W:g} W; {_NAMED_SO}")
     if mean_w < 0:
-        found.append((f"a mean power of {mean_w:.4g} W", "power that is drawn, above 0"))
-    return [Fault(name, 1, 1, message, expected, severity="warning") for message, expected in found]
+        readings.warn(1, f"a mean power of {mean_w:.4g} W", "power that is drawn, above 0")
 
 
-def _sorted(name: str, readings: LogReadings, warnings: list[Fault], counts: dict[str, int | float]) -> LogReadings:
-    """The longest run between restarts of the clock, in order of time, each time once."""
-    kept = _longest_run(readings.raw)
-    if (lost := len(readings.raw) - (kept.stop - kept.start)) > 0:
-        counts["restart"] = lost
-        line = int(readings.lines[kept.start if kept.start else kept.stop])
-        message = f"the clock is set back here: {rows_text(lost)} outside the longest run left out"
-        warnings.append(Fault(name, line, 1, message, severity="warning"))
-        readings = readings.at(kept)
-    late = np.flatnonzero(readings.raw < np.maximum.accumulate(readings.raw))
-    if len(late):
-        counts["late"] = len(late)
-        warnings.append(rows_warning(name, readings.lines[late].tolist(), "earlier than one before: sorted by time"))
-        readings = readings.at(np.argsort(readings.raw, kind="stable"))
-    repeated = np.flatnonzero(np.diff(readings.raw) == 0) + 1
-    if len(repeated):
-        counts["repeated"] = len(repeated)
-        warnings.append(rows_warning(name, readings.lines[repeated].tolist(), "at the time of another left out"))
-        readings = readings.at(np.delete(np.arange(len(readings.raw)), repeated))
-    return readings
-
-
-def rows_warning(name: str, lines: Sequence[int], what: str) -> Fault:
-    """A warning about rows, at the first of them."""
+def _warn_of_rows(readings: LogReadings, lines: Sequence[int], what: str) -> None:
+    """Add a warning about rows, at the first of them."""
     where = "" if len(lines) == 1 else ", the first of them here"
-    return Fault(name, min(lines), 1, f"{rows_text(len(lines))} {what}{where}", severity="warning")
+    readings.warn(min(lines), f"{rows_text(len(lines))} {what}{where}")
 
 
 def rows_text(count: int) -> str:
     """A number of rows, as text."""
     return "1 row" if count == 1 else f"{count} rows"
-
-
-def _longest_run(raw: FloatArray) -> slice:
-    """All rows; or the longest run where a clock was set back: seldom, by much, and with enough rows between."""
-    back = np.flatnonzero(np.diff(raw) < 0) + 1
-    runs = np.diff([0, *back.tolist(), len(raw)])
-    step = float(np.median(np.abs(np.diff(raw))))
-    far = len(back) and np.all(raw[back - 1] - raw[back] > 10 * step)
-    if not 0 < len(back) <= RESTARTS or not far or runs.min() < MIN_SAMPLES:
-        return slice(0, len(raw))
-    longest = int(np.argmax(runs))
-    start = int(runs[:longest].sum())
-    return slice(start, start + int(runs[longest]))
-
-
-def _count_gaps(times_s: FloatArray, counts: dict[str, int | float]) -> int:
-    """The index of the longest step; adds the gaps to the counts."""
-    steps = np.diff(times_s)
-    longest = int(np.argmax(steps))
-    gaps = int(np.count_nonzero(steps > GAP * np.median(steps)))
-    if gaps:
-        counts["gaps"], counts["longest_gap_s"] = gaps, float(steps[longest])
-    return longest
 
 
 LARGEST_S = 1e12
@@ -334,17 +350,15 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
         raise InputError.at(text.name, 1, 1, "no readings", f"a header such as {_EXAMPLE}, and a row for each")
     second = next(rows, None)
     layout = _layout(first, columns, second)
-    readings, warnings, counts = _readings(text.name, chain([second] if second else [], rows), layout)
-    warnings += notes
-    per_second = layout.needed[0].per
+    readings = _readings(text.name, chain([second] if second else [], rows), layout)
+    readings.warnings.extend(notes)
     if layout.px4 and len(readings.raw) > 1:
-        step_s = float(np.median(np.abs(np.diff(readings.raw)))) / per_second
+        step_s = float(np.median(np.abs(np.diff(readings.raw)))) / readings.per_second
         if not SHORTEST_STEP_S <= step_s <= LONGEST_STEP_S and step_s > 0:
             message = f"a row every {step_s:.3g} s, if {PX4_TIME} is in µs"
             expected = "a name such as time_s or time_ms, or --time-unit"
-            raise InputError(first.fault(layout.needed[0].place, message, expected))
-    names = [first.fields[each.place] for each in layout.needed[1:]]
-    log = in_order(text.name, readings, per_second, warnings, counts, also=layout.also, names=names)
+            raise InputError(first.fault(layout.time.place, message, expected))
+    log = in_order(readings)
     return replace(log, battery=counted(log.also[USED])) if USED in log.also else log
 
 
@@ -374,24 +388,31 @@ def _recording(text: Text, columns: Columns) -> tuple[Text, Columns, list[Fault]
 
 
 class _Column(NamedTuple):
-    """A column of a table by its place; how many of its units make one in SI, and the largest value in its units."""
+    """A needed column of a table: how many of its units make one in SI, and the largest value in its units."""
 
+    name: str
     place: int
     per: float
     largest: float
 
 
-class _Layout(NamedTuple):
-    """Where a table has what.
+class _Extra(NamedTuple):
+    """A column whose cells may be empty: what it is read as, and its unit in SI."""
 
-    `needed` are time and what makes the power; `others`, each with its unit in SI, may be empty: those of `also`. A row
-    has `width` fields. With `dates` times are
-    by ISO 8601, with `px4` PX4's.
+    name: str
+    place: int
+    unit: float
+
+
+class _Layout(NamedTuple):
+    """Where a table has what: the time, what makes the power, and more; a row has `width` fields.
+
+    With `dates` times are by ISO 8601, with `px4` PX4's.
     """
 
-    needed: list[_Column]
-    others: list[tuple[int, float]]
-    also: tuple[str, ...]
+    time: _Column
+    factors: list[_Column]
+    extras: list[_Extra]
     width: int
     dates: bool
     px4: bool
@@ -408,23 +429,27 @@ def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
     roles = _power_roles(header, columns)
     at = _find(header, "time", columns.time)
     dates = bool(second and at < len(second.fields) and ISO_TIME.match(second.fields[at]))
-    time_unit = "s" if dates else columns.time_unit
-    needed = [_needed(header, at, "time", time_unit)]
+    time = _needed(header, at, "time", "s" if dates else columns.time_unit)
     asked = {"power": next(iter(columns.power), ""), "voltage": columns.voltage, "current": columns.current}
-    needed += [_needed(header, _find(header, role, asked[role]), role, None) for role in roles]
-    px4 = not time_unit and _plain(header.fields[at]) == PX4_TIME
-    # what is asked for by name, or by what it is
-    lower, others = [name.lower() for name in header.fields], list[tuple[int, float]]()
+    factors = [_needed(header, _find(header, role, asked[role]), role, None) for role in roles]
+    px4 = not dates and not columns.time_unit and _plain(time.name) == PX4_TIME
+    return _Layout(time, factors, _extras(header, columns), len(header.fields), dates, px4)
+
+
+def _extras(header: Row, columns: Columns) -> list[_Extra]:
+    """The columns asked for by name, and those known as what is asked for: the charge used, the motion."""
+    extras = []
     for name in columns.also:
         if name not in header.fields:
             raise InputError(header.fault(0, f"no column {printable(name, 80)}", f"one beside {_names_of(header)}"))
-        others.append((header.fields.index(name), 1.0))
-    known = {USED: {USED: 1e-3}} if columns.factors else {}
-    known |= _MOTION if columns.motion else {}
-    found = {role: next((name for name in names if name in lower), "") for role, names in known.items()}
-    others += [(lower.index(name), known[role][name]) for role, name in found.items() if name]
-    also = (*columns.also, *(role for role, name in found.items() if name))
-    return _Layout(needed, others, also, len(header.fields), dates, px4)
+        extras.append(_Extra(name, header.fields.index(name), 1.0))
+    known = ({USED: {USED: 1e-3}} if columns.factors else {}) | (_MOTION if columns.motion else {})
+    lower = [name.lower() for name in header.fields]
+    for role, units in known.items():
+        name = next((name for name in units if name in lower), "")
+        if name:
+            extras.append(_Extra(role, lower.index(name), units[name]))
+    return extras
 
 
 def _power_roles(header: Row, columns: Columns) -> tuple[str, ...]:
@@ -485,7 +510,7 @@ def _needed(header: Row, index: int, role: str, unit: str | None) -> _Column:
         option = f", or --time-unit {'|'.join(TIME_UNITS)}" if role == "time" else ""
         message = f"{printable(name, 80)} has no unit of {role}"
         raise InputError(header.fault(index, message, f"a name such as {known.example}{option}"))
-    return _Column(index, known.per[unit], known.largest * known.per[unit])
+    return _Column(name, index, known.per[unit], known.largest * known.per[unit])
 
 
 # ── rows ──
@@ -497,70 +522,82 @@ _REASONS = {
 }
 
 
-def _readings(
-    name: str, rows: Iterable[Row], layout: _Layout
-) -> tuple[LogReadings, list[Fault], dict[str, int | float]]:
-    """The rows that are readings; warnings for those that are not, and their numbers."""
-    lines, values, others = array("q"), array("d"), array("d")
+def _readings(name: str, rows: Iterable[Row], layout: _Layout) -> LogReadings:
+    """The rows that are readings, with warnings of those that are not, and their numbers."""
+    lines, values, extras = array("q"), array("d"), array("d")
     faults: list[Fault] = []
-    dropped: dict[str, list[int]] = {}
+    left_out: dict[str, list[int]] = {}
     count = 0
     for row in rows:
         if len(faults) >= FAULTS_READ:
             break
         count += 1
-        if any(row.fields[layout.width :]):
-            message = f"{len(row.fields)} fields"
-            faults.append(row.fault(layout.width, message, f"{layout.width}, as in the header"))
+        try:
+            found, reason = _values(row, layout)
+        except InputError as error:
+            faults += error.faults
             continue
-        found = _values(row, layout.needed, dates=layout.dates)
-        if isinstance(found, Fault):
-            faults.append(found)
-        elif isinstance(found, str):
-            dropped.setdefault(found, []).append(row.line)
-        else:
-            lines.append(row.line)
-            values.extend(found)
-            others.extend(_optional(row.fields, index) for index, _ in layout.others)
+        if reason:
+            left_out.setdefault(reason, []).append(row.line)
+            continue
+        lines.append(row.line)
+        values.extend(found)
+        extras.extend(_optional(row.fields, each.place) for each in layout.extras)
     refuse(faults)
-    warnings = [rows_warning(name, numbers, f"{_REASONS[key]} left out") for key, numbers in dropped.items()]
-    counts: dict[str, int | float] = {"rows": count, **{key: len(numbers) for key, numbers in dropped.items()}}
-    table = np.array(values).reshape(len(lines), len(layout.needed))
-    rest = np.array(others).reshape(len(lines), len(layout.others)) * [unit for _, unit in layout.others]
-    factors = table[:, 1:] / [each.per for each in layout.needed[1:]]
-    return LogReadings(table[:, 0], factors, rest, np.array(lines, dtype=np.int64)), warnings, counts
+    table = np.array(values).reshape(len(lines), 1 + len(layout.factors))
+    more = np.array(extras).reshape(len(lines), len(layout.extras))
+    readings = LogReadings(
+        name,
+        raw=table[:, 0],
+        per_second=layout.time.per,
+        factors=table[:, 1:] / [each.per for each in layout.factors],
+        lines=np.array(lines, dtype=np.int64),
+        also={each.name: more[:, i] * each.unit for i, each in enumerate(layout.extras)},
+        warnings=[],
+        counts={"rows": count, **{reason: len(numbers) for reason, numbers in left_out.items()}},
+        columns=tuple(each.name for each in layout.factors),
+    )
+    for reason, numbers in left_out.items():
+        _warn_of_rows(readings, numbers, f"{_REASONS[reason]} left out")
+    return readings
 
 
-def _values(row: Row, columns: Sequence[_Column], *, dates: bool = False) -> list[float] | str | Fault:
-    """The values of the columns, up to a limit each; or why the row is no reading; or the fault of a cell."""
+def _values(row: Row, layout: _Layout) -> tuple[list[float], str]:
+    """The time and the factors, as they are written; and why the row is no reading, or "".
+
+    Raises InputError of a cell that is no number, or of a row with more fields than the header.
+    """
+    if any(row.fields[layout.width :]):
+        message = f"{len(row.fields)} fields"
+        raise InputError(row.fault(layout.width, message, f"{layout.width}, as in the header"))
     values: list[float] = []
     reason = ""
-    for index, _, limit in columns:
-        raw = row.fields[index] if index < len(row.fields) else ""
-        if dates and not values and raw:
-            time_s = _seconds(raw)
-            if time_s is None:
-                return row.fault(index, f"{printable(raw, 40)} is no time by ISO 8601", "a time as in the first row")
-            values.append(time_s)
-        elif NUMBER.match(raw) and abs(value := float(raw)) <= limit:
+    for column in (layout.time, *layout.factors):
+        raw = row.fields[column.place] if column.place < len(row.fields) else ""
+        if raw and layout.dates and column is layout.time:
+            values.append(_seconds(row, column.place))
+        elif NUMBER.match(raw) and abs(value := float(raw)) <= column.largest:
             values.append(value)
         elif not raw:
             reason = "empty"
         elif NOT_FINITE.match(raw):
             reason = "not_finite"
-        elif fault := number_fault(raw, limit):
-            return row.fault(index, *fault)
-    if not reason and len(values) == 3 and (values[1] <= 0 or values[2] == -1):
-        reason = "unknown"
-    return reason or values
+        elif fault := number_fault(raw, column.largest):
+            raise InputError(row.fault(column.place, *fault))
+    if not reason and len(layout.factors) == 2:
+        _, voltage, current = values
+        reason = "unknown" if voltage <= 0 or current == -1 else ""
+    return values, reason
 
 
-def _seconds(raw: str) -> float | None:
-    """Seconds since 1970 of a time by ISO 8601, or with slashes in its date, of UTC without a zone; None if none."""
+def _seconds(row: Row, place: int) -> float:
+    """Seconds since 1970 of a time by ISO 8601, or with slashes in its date, of UTC without a zone."""
+    raw = row.fields[place]
     try:
         time = datetime.fromisoformat(raw.replace("/", "-", 2))
     except ValueError:
-        return None
+        message = f"{printable(raw, 40)} is no time by ISO 8601"
+        raise InputError(row.fault(place, message, "a time as in the first row")) from None
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 

@@ -158,9 +158,9 @@ def fit_vehicle(
     if wing is not None and not wing.takes_commands:
         raise InputError.at("--base", 1, 1, "an aircraft of model paper", "model fixed-wing or power-curve", str(base))
     FitOptions(start_s=start_s, end_s=end_s).check()
-    read = log_part(read_power_log(str(log), replace(columns or Columns(), motion=True)), start_s, end_s, {})
+    read = log_part(read_power_log(str(log), replace(columns or Columns(), motion=True)), start_s, end_s)
     if start_s is None and (airborne_s := _airborne_s(read)) is not None:
-        read = log_part(read, airborne_s, None, {})
+        read = log_part(read, airborne_s, None)
         message = f"a take-off, to {airborne_s:.0f} s of the log, left out; --from 0 fits it too"
         read.warnings.append(Fault(read.name, 1, 1, message, severity="warning"))
     motion = _motion(read)
