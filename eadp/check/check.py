@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -341,76 +341,110 @@ def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
 def _stage_findings(
     plan: Plan, stage: Stage, measured: list[_Measures], least: float | None, proof: StageProof
 ) -> Iterator[Finding]:
-    limit = plan.radius_m(stage)
+    about = _About(plan, stage)
     if stage.gain == 0:
         message = f"stage {stage.index} has a gain of 0: nothing leads back to its path"
-        yield Finding(WARNING, stage.index, stage.line, "no-gain", message)
+        yield about.finding(WARNING, "no-gain", message)
     if not measured:
         message = f"stage {stage.index} is never flown: its laps are over before they start"
-        yield Finding(WARNING, stage.index, stage.line, "never-flown", message, proven=False)
+        yield about.finding(WARNING, "never-flown", message)
         return
-
-    def finding(
-        severity: str, code: str, message: str, at: _Measures, formula: str = "", *, proven: bool = False
-    ) -> Finding:
-        message += _at(plan, at.parameters)
-        return Finding(severity, stage.index, stage.line, code, message, formula=formula, proven=proven)
-
-    def trigger_off(code: str, at: _Measures, gap_m: float, what: str, formula: str, right: str = "") -> Finding:
-        where = f", where φ = {printable(formula)}" if formula else ""
-        message = f"the trigger of stage {stage.index} lies {gap_m:.2f} m off {what}{where}{right}"
-        severity = ERROR if gap_m > limit else WARNING
-        return finding(severity, code, message, at, formula, proven=bool(formula))
-
     trouble = next((each for each in measured if each.trouble), None)
     if trouble is not None:
-        yield finding(ERROR, "no-path", f"stage {stage.index} cannot be flown: {trouble.trouble}", trouble)
+        yield about.finding(ERROR, "no-path", f"stage {stage.index} cannot be flown: {trouble.trouble}", trouble)
     fine = [each for each in measured if not each.trouble] or measured
-    worst = max(fine, key=lambda each: each.own_m)
+    yield from _own_findings(about, max(fine, key=lambda each: each.own_m), proof.own_gap)
+    yield from _next_findings(about, max(fine, key=lambda each: each.next_m), proof.next_gap)
+    yield from _direction_findings(about, max(fine, key=lambda each: each.turn_deg), proven=proof.direction is False)
+    if least is not None:
+        yield from _radius_findings(about, min(fine, key=lambda each: each.radius_m), least)
+    yield from _order_findings(about, min(fine, key=lambda each: each.ahead_m))
+
+
+class _About(NamedTuple):
+    """A stage that something is said about."""
+
+    plan: Plan
+    stage: Stage
+
+    def finding(
+        self,
+        severity: str,
+        code: str,
+        message: str,
+        at: _Measures | None = None,
+        *,
+        formula: str = "",
+        proven: bool = False,
+    ) -> Finding:
+        """A finding, at the parameters of what was measured."""
+        where = "" if at is None else _at(self.plan, at.parameters)
+        return Finding(
+            severity, self.stage.index, self.stage.line, code, message + where, formula=formula, proven=proven
+        )
+
+    def off_path(self, gap_m: float, formula: str, path: str) -> tuple[str, str]:
+        """Severity and words of a trigger that lies off a path, by φ there where that is proven."""
+        where = f", where φ = {printable(formula)}" if formula else ""
+        message = f"the trigger of stage {self.stage.index} lies {gap_m:.2f} m off {path}{where}"
+        return ERROR if gap_m > self.plan.radius_m(self.stage) else WARNING, message
+
+
+def _own_findings(about: _About, worst: _Measures, formula: str) -> Iterator[Finding]:
+    """A trigger off its own path."""
     if worst.own_m > POSITION_WARNING_M:
-        right = "; its path passes ({:.6g}, {:.6g})".format(*worst.foot_m)
-        yield trigger_off("trigger-off-path", worst, worst.own_m, "its path", proof.own_gap, right)
-    worst = max(fine, key=lambda each: each.next_m)
+        severity, message = about.off_path(worst.own_m, formula, "its path")
+        message += "; its path passes ({:.6g}, {:.6g})".format(*worst.foot_m)
+        yield about.finding(severity, "trigger-off-path", message, worst, formula=formula, proven=bool(formula))
+
+
+def _next_findings(about: _About, worst: _Measures, formula: str) -> Iterator[Finding]:
+    """A trigger off the next path."""
     if worst.next_m > POSITION_WARNING_M:
-        yield trigger_off("trigger-off-next", worst, worst.next_m, "the path of the next stage", proof.next_gap)
-    worst = max(fine, key=lambda each: each.turn_deg)
+        severity, message = about.off_path(worst.next_m, formula, "the path of the next stage")
+        yield about.finding(severity, "trigger-off-next", message, worst, formula=formula, proven=bool(formula))
+
+
+def _direction_findings(about: _About, worst: _Measures, *, proven: bool) -> Iterator[Finding]:
+    """Two paths that are travelled in other directions where they meet."""
     if worst.turn_deg > DIRECTION_WARNING_DEG and worst.after is not None:
-        severity = ERROR if worst.turn_deg > DIRECTION_ERROR_DEG else WARNING
         here, there = worst.headings_deg
         message = (
-            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {worst.after.index} starts "
-            f"heading {there:.1f}°: {worst.turn_deg:.1f}° apart"
+            f"stage {about.stage.index} reaches its trigger heading {here:.1f}°, where stage {worst.after.index} "
+            f"starts heading {there:.1f}°: {worst.turn_deg:.1f}° apart"
         )
-        yield finding(severity, "direction", message, worst, proven=proof.direction is False)
-    worst = min(fine, key=lambda each: each.radius_m)
-    if least is not None and worst.radius_m < least - RADIUS_TOLERANCE_M:
+        severity = ERROR if worst.turn_deg > DIRECTION_ERROR_DEG else WARNING
+        yield about.finding(severity, "direction", message, worst, proven=proven)
+
+
+def _radius_findings(about: _About, worst: _Measures, least: float) -> Iterator[Finding]:
+    """A turn that the aircraft cannot fly."""
+    if worst.radius_m < least - RADIUS_TOLERANCE_M:
         message = (
-            f"stage {stage.index} turns with a radius of {worst.radius_m:.2f} m, {least - worst.radius_m:.2f} m "
+            f"stage {about.stage.index} turns with a radius of {worst.radius_m:.2f} m, {least - worst.radius_m:.2f} m "
             f"less than the aircraft's {least:g} m"
         )
-        yield finding(ERROR, "radius", message, worst)
-    yield from _order_findings(stage, min(fine, key=lambda each: each.ahead_m), limit, finding)
+        yield about.finding(ERROR, "radius", message, worst)
 
 
-def _order_findings(
-    stage: Stage, measures: _Measures, limit: float, finding: Callable[[str, str, str, _Measures], Finding]
-) -> Iterator[Finding]:
-    """Triggers follow one another in the direction flown."""
-    if measures.before is None:
+def _order_findings(about: _About, worst: _Measures) -> Iterator[Finding]:
+    """Triggers that do not follow one another in the direction flown, or too closely."""
+    index, limit, ahead_m = about.stage.index, about.plan.radius_m(about.stage), worst.ahead_m
+    if worst.before is None:
         return
-    if measures.ahead_m < 0:
-        how = f"{-measures.ahead_m:.2f} m behind" if math.isfinite(measures.ahead_m) else "nowhere ahead of"
+    if ahead_m < 0:
+        how = f"{-ahead_m:.2f} m behind" if math.isfinite(ahead_m) else "nowhere ahead of"
         message = (
-            f"the trigger of stage {stage.index} lies {how} where stage {measures.before.index} leads to it, in the "
+            f"the trigger of stage {index} lies {how} where stage {worst.before.index} leads to it, in the "
             f"direction flown: the other rotation, or another trigger"
         )
-        yield finding(ERROR, "behind", message, measures)
-    elif measures.ahead_m < limit and measures.ahead_m < math.inf:
+        yield about.finding(ERROR, "behind", message, worst)
+    elif ahead_m < limit and ahead_m < math.inf:
         message = (
-            f"stage {stage.index} is {measures.ahead_m:.2f} m long, shorter than the trigger radius of {limit:g} m: "
-            f"it may end as it starts"
+            f"stage {index} is {ahead_m:.2f} m long, shorter than the trigger radius of {limit:g} m: it may end as it "
+            f"starts"
         )
-        yield finding(WARNING, "short-stage", message, measures)
+        yield about.finding(WARNING, "short-stage", message, worst)
 
 
 def _at(plan: Plan, parameters: Vector) -> str:

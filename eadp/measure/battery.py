@@ -9,7 +9,6 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import trapezoid
 from scipy.optimize import minimize_scalar
 
 from eadp.core.arrays import FloatArray
@@ -20,9 +19,6 @@ from eadp.measure.formats import read_power_log
 from eadp.measure.noise import HuberFit, regressed
 from eadp.measure.power_log import Columns, PowerLog
 from eadp.models.battery import cell_v, misfit
-
-COUNT_RATIO = 1.25
-"""By how much a count of the charge may differ from the current over time, or exceed a capacity, as a ratio."""
 
 NO_CHARGE, RESTING = 0.01, 0.05
 """Share of the capacity below which nothing was used; share of the largest current below which a battery is at rest."""
@@ -166,80 +162,88 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
         raise InputError.at("--power", 1, 1, message, "voltage and current", columns.power[0])
     options.check()
     log = read_power_log(path, replace(columns, factors=True))
-    assert log.voltage_v is not None
-    assert log.current_a is not None
-    readings = log.times_s, log.voltage_v, log.current_a
-    soc, doubt = _charge_at_start(log.battery, log.voltage_v, log.current_a, options)
-    if doubt:
-        log.warnings.append(Fault(log.name, 1, 1, doubt, "--soc SHARE", severity="warning"))
-    capacity, given_ah = None, options.capacity_ah
+    readings = _battery_readings(log)
+    soc, used_before = _charge_at_start(log.battery, readings, options)
+    capacity = None
     try:
-        if given_ah is None:
+        if options.capacity_ah is None:
             assert options.cells is not None
             capacity = fit_capacity(*readings, options.cells, options.cell_v, soc, options.k_b_per_s)
-            given_ah = capacity.capacity_ah
-        fit = fit_battery(*readings, given_ah, k_b_per_s=options.k_b_per_s, soc=soc)
+            options = replace(options, capacity_ah=capacity.capacity_ah)
+        assert options.capacity_ah is not None
+        fit = fit_battery(*readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=soc)
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error), "a log of the battery that is given") from None
-    notes = ["capacity and k_b cannot be estimated from voltage and current: they are as given", *fit.notes]
+    source = "capacity and k_b cannot be estimated from voltage and current: they are as given"
     if capacity is not None:
-        notes[0] = f"the capacity is that with which the voltage falls as that of {options.chemistry} cells does"
-    if stated_ah := log.battery.get("capacity_ah"):
-        notes.append(f"the autopilot's parameters state a capacity of {stated_ah:g} Ah")
-    for message, expected in _doubts(log, fit, options):
-        log.warnings.append(Fault(log.name, 1, 1, message, expected, severity="warning"))
-    fitted = replace(options, capacity_ah=given_ah)
-    return BatteryLogFit(replace(fit, notes=tuple(notes)), fitted, log.warnings, capacity)
+        source = f"the capacity is that with which the voltage falls as that of {options.chemistry} cells does"
+    stated_ah = log.battery.get("capacity_ah")
+    stated = [f"the autopilot's parameters state a capacity of {stated_ah:g} Ah"] if stated_ah else []
+    fit = replace(fit, notes=(source, *fit.notes, *stated))
+    doubts = [*used_before, *_doubtful_start(readings, fit, options)]
+    warnings = [Fault(log.name, 1, 1, message, expected, severity="warning") for message, expected in doubts]
+    return BatteryLogFit(fit, options, [*log.warnings, *warnings], capacity)
 
 
-def _doubts(log: PowerLog, fit: BatteryFit, options: BatteryOptions) -> Iterator[tuple[str, str]]:
-    """What the log says against the charge at its start, and against its count of the charge used."""
+class BatteryReadings(NamedTuple):
+    """Times [s], voltages at the terminals [V] and currents drawn [A], each an array, shape (n,)."""
+
+    times_s: FloatArray
+    voltage_v: FloatArray
+    current_a: FloatArray
+
+
+def _battery_readings(log: PowerLog) -> BatteryReadings:
+    """Those of a log whose factors were asked for."""
     assert log.voltage_v is not None
     assert log.current_a is not None
-    if options.cells is not None and options.cell_v:
-        curve_v, first_a = options.cell_v, max(float(log.current_a[0]), 0.0)
-        drop_v = (fit.resistance_ohm or 0.0) * first_a / options.cells
-        open_v, soc = float(log.voltage_v[0]) / options.cells + drop_v, fit.charge_from
-        off_v = open_v - float(interpolated(soc, curve_v))
-        if said := misfit(off_v, curve_v[-1] - curve_v[0], drop_v):
-            message = (
-                f"the log starts at {open_v:.2f} V a cell without current, far {said} that of a charge of {soc:.2f}"
-            )
-            yield message, "the charge at its start, --soc SHARE, or other --cells"
-    used_ah, count_ah = float(trapezoid(log.current_a, log.times_s)) / 3600, log.battery.get("counted_ah", 0.0)
-    if count_ah > 0 and not 1 / COUNT_RATIO < count_ah / max(used_ah, 1e-9) < COUNT_RATIO:
-        message = f"its count of the charge used rises by {count_ah:.3g} Ah, and its current makes {used_ah:.3g} Ah"
-        yield (
-            f"{message}: one of the two is calibrated wrongly",
-            "a capacity by --capacity AH, and a calibrated current",
-        )
+    return BatteryReadings(log.times_s, log.voltage_v, log.current_a)
+
+
+def _doubtful_start(readings: BatteryReadings, fit: BatteryFit, options: BatteryOptions) -> Iterator[tuple[str, str]]:
+    """What the first voltage says against the charge at the start, and what is expected."""
+    if options.cells is None or not options.cell_v:
+        return
+    curve_v, soc = options.cell_v, fit.charge_from
+    drop_v = (fit.resistance_ohm or 0.0) * max(float(readings.current_a[0]), 0.0) / options.cells
+    open_v = float(readings.voltage_v[0]) / options.cells + drop_v
+    if said := misfit(open_v - float(interpolated(soc, curve_v)), curve_v[-1] - curve_v[0], drop_v):
+        message = f"the log starts at {open_v:.2f} V a cell without current, far {said} that of a charge of {soc:.2f}"
+        yield message, "the charge at its start, --soc SHARE, or other --cells"
 
 
 def _charge_at_start(
-    stated: Mapping[str, float], voltage_v: FloatArray, current_a: FloatArray, options: BatteryOptions
-) -> tuple[float, str]:
+    stated: Mapping[str, float], readings: BatteryReadings, options: BatteryOptions
+) -> tuple[float, list[tuple[str, str]]]:
     """The state of charge at the start of a log, and what is doubtful about it; raises InputError without evidence."""
     if options.soc is not None:
-        return options.soc, ""
-    used_ah, capacity_ah = stated.get("used_ah"), options.capacity_ah or stated.get("capacity_ah")
-    if capacity_ah and (used_ah or 0.0) + stated.get("counted_ah", 0.0) > 1.05 * capacity_ah:
-        capacity_ah = None  # disproved: the log counts more
-    used_share = 3600 * options.k_b_per_s * (used_ah or 0.0) / (capacity_ah or math.inf)
+        return options.soc, []
+    used_ah = stated.get("used_ah", 0.0)
+    used_share = 3600 * options.k_b_per_s * used_ah / _holds_ah(stated, options)
     if NO_CHARGE < used_share < 1:
         soc = 1 - used_share
-        return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
-    first_v, first_a, (chemistry, curve_v) = float(voltage_v[0]), float(current_a[0]), options.ends_or_curve
-    resting = abs(first_a) <= RESTING * float(np.max(current_a))
+        message = f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
+        return soc, [(message, "--soc SHARE")]
+    first_v, first_a = float(readings.voltage_v[0]), float(readings.current_a[0])
+    chemistry, curve_v = options.ends_or_curve
+    resting = abs(first_a) <= RESTING * float(np.max(readings.current_a))
     if resting and is_full_at_rest(first_v, options.cells, curve_v):
-        return 1.0, ""
+        return 1.0, []
     of = f"{options.cells or 'some number of'} full {chemistry} cells"
-    counted = "" if used_ah is None else f"; {1000 * used_ah:.0f} mAh were used before"
+    counted = f"; {1000 * used_ah:.0f} mAh were used before" if "used_ah" in stated else ""
     message = (
         f"nothing shows the charge at the start of the log: the first voltage is {first_v:.2f} V "
         f"{'at rest' if resting else f'under {first_a:.3g} A'}, not that of {of} at rest{counted}"
     )
     expected = "--soc SHARE, which is 1 for a battery that was full"
     raise InputError.at("--soc", 1, 1, message, expected)
+
+
+def _holds_ah(stated: Mapping[str, float], options: BatteryOptions) -> float:
+    """The capacity that is given, or stated in the log [Ah]; infinite without one, or where the log counts more."""
+    capacity_ah = options.capacity_ah or stated.get("capacity_ah") or math.inf
+    counted_ah = stated.get("used_ah", 0.0) + stated.get("counted_ah", 0.0)
+    return math.inf if counted_ah > 1.05 * capacity_ah else capacity_ah
 
 
 MIN_SAMPLES = 20
@@ -433,20 +437,16 @@ def fit_battery(
     if charge.min() < -0.02:
         drawn_ah = k_b_per_s * float(used.max())
         raise Infeasible(f"the log uses {drawn_ah:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
-    notes: list[str] = []
     log = _VoltageLog(t, volts, amps, charge)
-    found = log.fit(rises=False, resists=True)
-    if float(np.ptp(charge)) < MIN_CHARGE_USED:
-        used_share = f"only {100 * np.ptp(charge):.1f} % of the charge is used"
-        notes.append(f"{used_share}: the voltage is taken as the same at any charge")
-    else:
-        found = log.rising(notes, resists=True)
-    ohm, ohm_std = found.resistance_ohm
+    both = log.likely_fit(resists=True)
+    ohm, ohm_std = both.resistance_ohm
     resists = ohm > SIGNIFICANCE * ohm_std
+    found = both
     if not resists:  # fit the terminal voltage
-        notes.append(log.why_no_resistance(ohm, ohm_std))
-        found = log.rising(notes, resists=False) if found.rises else log.fit(rises=False, resists=False)
+        found = log.likely_fit(resists=False) if both.rises else log.fit(rises=False, resists=False)
     (empty_v, empty_std_v), (full_v, full_std_v) = found.open_v(0.0), found.open_v(1.0)
+    notes = [] if found.rises else [log.why_no_rise()]
+    notes += [] if resists else [log.why_no_resistance(ohm, ohm_std)]
     return BatteryFit(
         voltage_full_v=full_v,
         voltage_empty_v=empty_v if found.rises else None,
@@ -502,14 +502,26 @@ class _VoltageLog(NamedTuple):
         columns = [np.ones_like(self.amps), *([-self.amps] if resists else []), *([self.charge] if rises else [])]
         return _VoltageFit(regressed(np.stack(columns, axis=1), self.volts, self.times_s), rises)
 
-    def rising(self, notes: list[str], *, resists: bool) -> _VoltageFit:
-        """The fit with a rise that is beyond doubt; else, with a note, the one without."""
-        found = self.fit(rises=True, resists=resists)
-        rise_v, std_v = found.rise_v
-        if rise_v > SIGNIFICANCE * std_v:
-            return found
-        notes.append("the voltage does not fall with the charge beyond doubt: it is taken as the same at any charge")
+    @property
+    def used_share(self) -> float:
+        """Share of the capacity over which the charge goes."""
+        return float(np.ptp(self.charge))
+
+    def likely_fit(self, *, resists: bool) -> _VoltageFit:
+        """The fit with a rise over the charge if that is beyond doubt, else the one without."""
+        if self.used_share >= MIN_CHARGE_USED:
+            found = self.fit(rises=True, resists=resists)
+            rise_v, std_v = found.rise_v
+            if rise_v > SIGNIFICANCE * std_v:
+                return found
         return self.fit(rises=False, resists=resists)
+
+    def why_no_rise(self) -> str:
+        """Why the voltage is taken as the same at any charge."""
+        why = "the voltage does not fall with the charge beyond doubt: it"
+        if self.used_share < MIN_CHARGE_USED:
+            why = f"only {100 * self.used_share:.1f} % of the charge is used: the voltage"
+        return f"{why} is taken as the same at any charge"
 
     def why_no_resistance(self, ohm: float, std_ohm: float) -> str:
         """Why a resistance that was found is not taken."""

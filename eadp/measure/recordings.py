@@ -274,50 +274,103 @@ def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()
     table = _as_table(text)
     rows = read_rows(table.name, table.body)
     top = list(islice(rows, 2))
-    header = top[0] if top else None
-    if header is None:
+    if not top:
         return None
-    fields = header.fields
-    if all(NUMBER.match(name) for name in fields):
-        if asked:
-            raise InputError.at("--power", 1, 1, "the columns have no names", "a table with a header", asked[0])
-        if not has_flags(fields) or "100" not in fields or any(name.startswith("2") for name in fields):
-            return None
-        power = PowerColumn(fields.index("100"), "power", 1.0)
-        return Recording(table, header, [*top[1:], *rows], [power], False, [], False, None)
+    header = top[0]
+    if all(NUMBER.match(name) for name in header.fields):
+        return _without_names(table, header, [*top[1:], *rows], asked)
     behind = _units_behind_numbers(top)
-    plain = [i for i, name in enumerate(fields) if read_heading(name).per_watt or _WATTS.match(name)]
-    volts, amperes = ([i for i, name in enumerate(fields) if each.match(name)] for each in (_VOLTS, _AMPERES))
-    microwatts = [i for i, name in enumerate(fields) if _MICROWATTS.match(name)]
-    timed = next((i for i, name in enumerate(fields) if _TIME.match(name)), None)
-    other_power = (volts and amperes) or any(map(_is_rail, fields)) or table is not text or behind
-    device, parts, product = None, list[PowerColumn](), False
-    if asked:
-        parts = _asked(header, asked)
-    elif plain:
-        as_it_is = not other_power and not of and not any(_WATTS.match(fields[i]) for i in plain)
-        if as_it_is and any(map(is_parameter, fields)):
-            return None
-        parts = [_plain(header, plain)]
-    else:
-        device, parts = _of_device(header)
-        if not parts and len(microwatts) == 1:
-            parts = [_with_unit(header, microwatts[0], "")]
-        if not parts and len(volts) == len(amperes) == 1:
-            parts, product = [_factor(header, volts[0]), _factor(header, amperes[0])], True
-        if not parts:
-            _ask(header)
-            return None
+    kinds = _Kinds.of(header)
+    is_plain_text = table is text and not behind
+    if not asked and not of and is_plain_text and kinds.are_measurements(header):
+        return None
+    power = _power_of(header, kinds, asked)
+    if power is None:
+        return None
     rest = [*top[1:], *rows]
     if behind:
         for row in rest:
             row.fields = [match[1] if (match := _WITH_UNIT.match(cell)) else cell for cell in row.fields]
+    timed = next((i for i, name in enumerate(header.fields) if _TIME.match(name)), None)
+    others = [] if _is_of_a_program(header, kinds, power.device) else _parameter_like(header, power.parts, timed)
+    return Recording(table, header, rest, power.parts, power.product, others, timed is not None, power.device)
+
+
+def _without_names(table: Text, header: Row, rows: list[Row], asked: Sequence[str]) -> Recording | None:
+    """A trace whose first row has numbers: powers under the flag 100; None for another such table."""
+    if asked:
+        raise InputError.at("--power", 1, 1, "the columns have no names", "a table with a header", asked[0])
+    flags = header.fields
+    if not has_flags(flags) or "100" not in flags or any(name.startswith("2") for name in flags):
+        return None
+    power = PowerColumn(flags.index("100"), "power", 1.0)
+    return Recording(table, header, rows, [power], False, [], False, None)
+
+
+class _Kinds(NamedTuple):
+    """Places of the columns by what their names say: a power, a voltage, a current, a power of hwmon."""
+
+    plain: list[int]
+    volts: list[int]
+    amperes: list[int]
+    microwatts: list[int]
+
+    @classmethod
+    def of(cls, header: Row) -> _Kinds:
+        """Those of a header."""
+        names = list(enumerate(header.fields))
+        plain = [i for i, name in names if read_heading(name).per_watt or _WATTS.match(name)]
+        return cls(plain, *([i for i, name in names if each.match(name)] for each in (_VOLTS, _AMPERES, _MICROWATTS)))
+
+    @property
+    def has_factors(self) -> bool:
+        """Whether a power can be a product."""
+        return bool(self.volts and self.amperes)
+
+    def are_measurements(self, header: Row) -> bool:
+        """Whether a power is beside parameters, and nothing else that could be one: a table of measurements."""
+        names = header.fields
+        sure = bool(self.plain) and not any(_WATTS.match(names[i]) for i in self.plain)
+        return sure and not self.has_factors and not any(map(_is_rail, names)) and any(map(is_parameter, names))
+
+
+class _Power(NamedTuple):
+    """What makes the power: `parts` added, or multiplied; and the device whose rails they are, if it is known."""
+
+    parts: list[PowerColumn]
+    product: bool = False
+    device: Device | None = None
+
+
+def _power_of(header: Row, kinds: _Kinds, asked: Sequence[str]) -> _Power | None:
+    """What is asked for, else what is surest; None where nothing looks like a power."""
+    if asked:
+        return _Power(_asked(header, asked))
+    if kinds.plain:
+        return _Power([_plain(header, kinds.plain)])
+    device, parts = _of_device(header)
+    if parts:
+        return _Power(parts, device=device)
+    if len(kinds.microwatts) == 1:
+        return _Power([_with_unit(header, kinds.microwatts[0], "")])
+    if len(kinds.volts) == len(kinds.amperes) == 1:
+        return _Power([_factor(header, kinds.volts[0]), _factor(header, kinds.amperes[0])], product=True)
+    _ask(header)
+    return None
+
+
+def _is_of_a_program(header: Row, kinds: _Kinds, device: Device | None) -> bool:
+    """Whether a program wrote the columns beside the power, so that none is a parameter."""
+    is_jtop = bool(_JTOP & set(map(str.lower, header.fields)))
+    is_turbostat = any(map(_JOINED_UNIT.search, header.fields))
+    return kinds.has_factors or is_jtop or is_turbostat or (device is not None and device.name == "nvidia-smi")
+
+
+def _parameter_like(header: Row, parts: Sequence[PowerColumn], timed: int | None) -> list[int]:
+    """Places of the columns that are neither power nor time, and have a name."""
     used = {part.place for part in parts} | {timed}
-    others = [i for i, name in enumerate(fields) if i not in used and is_parameter(name) and not _is_power(name)]
-    program = _JTOP & set(map(str.lower, fields)) or any(map(_JOINED_UNIT.search, fields))
-    if (volts and amperes) or program or (device and device.name == "nvidia-smi"):
-        others = []  # what such a program writes is no parameter
-    return Recording(table, header, rest, parts, product, others, timed is not None, device)
+    names = enumerate(header.fields)
+    return [i for i, name in names if i not in used and is_parameter(name) and not _is_power(name)]
 
 
 # ── columns ──

@@ -223,35 +223,45 @@ def _airframe(
     fit: PowerFit, wing: FixedWing | PowerCurve | None, max_w: float
 ) -> tuple[dict[str, Any], dict[str, float], list[str]]:
     """Keys of the airframe, their standard errors, and what could not be identified."""
-    notes = ["mass: --base FILE names what is known of the aircraft"] if wing is None else []
     speeds = np.linspace(*fit.speeds_mps, POINTS).tolist() if fit.polar else [fit.airspeed_mps]
     points = [[_rounded(speed), _rounded(fit.level_power_w(speed))] for speed in speeds]
-    min_w = min(watts for _, watts in points)
-    curve: dict[str, Any] = {"model": PowerCurve.model, "points": points, "bank_w": fit.bank_w}
-    stds = {"points": fit.stds["level_w"]}
+    curve: dict[str, Any] = {"model": PowerCurve.model, "points": points, "airspeed_mps": fit.airspeed_mps}
+    stds, notes = {"points": fit.stds["level_w"]}, []
     if fit.bank_w is not None:
-        stds["bank_w"] = fit.stds["induced_w"]
+        curve["bank_w"], stds["bank_w"] = fit.bank_w, fit.stds["induced_w"]
     else:
         curve["bank_w"], note = _assumed_bank_w(fit, wing)
         notes.append(note)
     if wing is not None:
-        shared = {item.name for item in fields(wing)} & {item.name for item in fields(PowerCurve)} - curve.keys()
-        curve |= {key: getattr(wing, key) for key in shared if key not in ("airspeed_mps", "airspeed_range_mps")}
+        more, more_notes = _keys_of_base(fit, wing)
     else:
-        curve["max_power_w"] = max_w
-        curve["avionics_w"] = min(max(fit.constant_w, 0.0), min_w / 2)
-        if fit.climb_w_per_mps is not None:
-            curve["mass_kg"] = fit.climb_w_per_mps * ASSUMED_EFFICIENCY / GRAVITY_MPS2
-            notes.append(f"mass and efficiency apart: the climb gives their ratio, for {ASSUMED_EFFICIENCY:g}")
-    if wing is not None and fit.climb_w_per_mps is not None:
-        # k = m g/η
-        efficiency = wing.mass_kg * GRAVITY_MPS2 / fit.climb_w_per_mps
-        curve["propulsive_efficiency"] = min(1.0, efficiency)
-        if efficiency > 1:
-            notes.append(f"efficiency: it would be {efficiency:.3g}; the mass of --base is not the log's")
-    curve["airspeed_mps"] = fit.airspeed_mps
+        more, more_notes = _keys_without_base(fit, max_w, min(watts for _, watts in points))
     order = [item.name for item in fields(PowerCurve)]
-    return {key: _rounded(curve[key]) for key in order if key in curve}, stds, notes
+    curve = more | curve
+    return {key: _rounded(curve[key]) for key in order if key in curve}, stds, [*notes, *more_notes]
+
+
+def _keys_of_base(fit: PowerFit, wing: FixedWing | PowerCurve) -> tuple[dict[str, Any], list[str]]:
+    """What the aircraft of --base says beside the power of the log, the efficiency by the log's climb; and notes."""
+    shared = {item.name for item in fields(wing)} & {item.name for item in fields(PowerCurve)}
+    known = {key: getattr(wing, key) for key in shared - {"airspeed_range_mps"}}
+    if fit.climb_w_per_mps is None:
+        return known, []
+    # k = m g/η
+    efficiency = wing.mass_kg * GRAVITY_MPS2 / fit.climb_w_per_mps
+    known["propulsive_efficiency"] = min(1.0, efficiency)
+    note = f"efficiency: it would be {efficiency:.3g}; the mass of --base is not the log's"
+    return known, [note] if efficiency > 1 else []
+
+
+def _keys_without_base(fit: PowerFit, max_w: float, min_w: float) -> tuple[dict[str, Any], list[str]]:
+    """What the log alone says beside the power: its largest and least in level flight are given [W]; and notes."""
+    known = {"max_power_w": max_w, "avionics_w": min(max(fit.constant_w, 0.0), min_w / 2)}
+    notes = ["mass: --base FILE names what is known of the aircraft"]
+    if fit.climb_w_per_mps is not None:
+        known["mass_kg"] = fit.climb_w_per_mps * ASSUMED_EFFICIENCY / GRAVITY_MPS2
+        notes.append(f"mass and efficiency apart: the climb gives their ratio, for {ASSUMED_EFFICIENCY:g}")
+    return known, notes
 
 
 def _assumed_bank_w(fit: PowerFit, wing: FixedWing | PowerCurve | None) -> tuple[float, str]:
@@ -371,60 +381,43 @@ def fit_power(
 
     Source: Anderson 1999, chapters 2, 5 and 6.
     """
-    bank_rad, climb_mps = (
-        None if column is None or not np.isfinite(column).any() else column for column in (bank_rad, climb_mps)
-    )
     log = _in_flight(times_s, power_w, airspeed_mps, bank_rad, climb_mps)
-    window = _Windows(log.times_s)
-    if len(window.times_s) < MIN_WINDOWS:
-        raise Infeasible(f"{len(window.times_s)} windows of {WINDOW_S:g} s in flight; {MIN_WINDOWS} or more are needed")
-    median_mps = float(np.median(log.airspeed_mps))
-    low, high = (float(v) for v in np.percentile(log.airspeed_mps, (5, 95)))
-    mean_w, climbing_mps = window.mean(log.power_w), window.mean(log.climb_mps)
-    # ḣ + V V̇/g
-    rising_mps = climbing_mps + window.mean(np.gradient(log.airspeed_mps**2, log.times_s)) / (2 * GRAVITY_MPS2)
-    motor_on = (climbing_mps > -MAX_SINK_MPS) & (mean_w > IDLE_SHARE * np.median(mean_w))
+    windows = _Windows(log)
+    if len(windows.times_s) < MIN_WINDOWS:
+        raise Infeasible(
+            f"{len(windows.times_s)} windows of {WINDOW_S:g} s in flight; {MIN_WINDOWS} or more are needed"
+        )
+    motor_on = (windows.climb_mps > -MAX_SINK_MPS) & (windows.power_w > IDLE_SHARE * np.median(windows.power_w))
     if (running := int(np.count_nonzero(motor_on))) < MIN_WINDOWS:
         raise Infeasible(f"{running} windows with the motor running; {MIN_WINDOWS} or more are needed")
-    notes = []
-    turns = np.percentile(np.abs(log.bank_rad), 95) >= MIN_BANK_RAD
-    bank_load = np.zeros_like(mean_w)
-    if turns:
-        bank_load = window.mean(np.tan(np.clip(log.bank_rad, -1.4, 1.4)) ** 2 * median_mps / log.airspeed_mps)
-    else:
-        notes.append("the rise with bank: " + ("no bank in the log" if bank_rad is None else "no turns in the log"))
-    if climb_mps is None:
-        notes.append("the rise with climb: no climb or altitude in the log; it is that of the airspeed's changes")
+    low, high = (float(v) for v in np.percentile(log.airspeed_mps, (5, 95)))
     polar = high / low >= MIN_SPREAD
+    columns, of_level, known_w = _polar_terms(windows, constant_w) if polar else _one_speed_terms(windows)
+    table = np.stack(list(columns.values()), axis=1)[motor_on]
+    fit = regressed(table, windows.power_w[motor_on] - known_w, windows.times_s[motor_on])
+    values: dict[str, float] = dict(zip(columns, fit.values.tolist(), strict=True))
+    stds = {name: max(fit.std(i), math.sqrt(fit.first_order[i, i])) for i, name in enumerate(columns)}
+    summed = np.array([float(name in of_level) for name in columns])
+    stds["level_w"] = math.sqrt(max(float(summed @ each @ summed) for each in (fit.covariance, fit.first_order)))
+    notes = []
+    if not windows.turns:
+        notes.append(f"the rise with bank: no {'turns' if log.has_bank else 'bank'} in the log")
+    if not log.has_climb:
+        notes.append("the rise with climb: no climb or altitude in the log; it is that of the airspeed's changes")
     if not polar:
         notes.append(f"the drag polar: airspeeds from {low:.3g} to {high:.3g} m/s; a ratio of {MIN_SPREAD:g} is needed")
-    columns = {
-        "climb_w_per_mps": rising_mps,
-        **_drag_columns(window, log.airspeed_mps / median_mps, bank_load, polar=polar),
-    }
-    fixed = (constant_w or 0.0) if polar else 0.0
-    if polar and constant_w is None:
-        columns["constant_w"] = np.ones_like(mean_w)
-    table = np.stack(list(columns.values()), axis=1)[motor_on]
-    fit = regressed(table, mean_w[motor_on] - fixed, window.times_s[motor_on])
-    coefficients: dict[str, float] = dict(zip(columns, fit.values.tolist(), strict=True))
-    not_level = {"climb_w_per_mps"} if polar else {"climb_w_per_mps", "induced_w"}
-    level = np.array([float(name not in not_level) for name in columns])
-    stds = {name: max(fit.std(i), math.sqrt(fit.first_order[i, i])) for i, name in enumerate(columns)}
-    stds["level_w"] = math.sqrt(max(float(level @ each @ level) for each in (fit.covariance, fit.first_order)))
-    if polar and (coefficients["parasitic_w"] <= 0 or coefficients["induced_w"] <= 0):
+    elif values["parasitic_w"] <= 0 or values["induced_w"] <= 0:
         notes.append("the drag polar: the power does not have its form; windows or airspeeds are too few")
-
-    climb_w = _significant("climb_w_per_mps", "the rise with climb [W s/m]", coefficients, stds, notes)
+    climb_w = _significant("climb_w_per_mps", "the rise with climb [W s/m]", values, stds, notes)
     with_bank = "the rise with tan² of the bank [W]"
-    bank_w = _significant("induced_w", with_bank, coefficients, stds, notes) if turns else None
+    bank_w = _significant("induced_w", with_bank, values, stds, notes) if windows.turns else None
     return PowerFit(
-        airspeed_mps=median_mps,
+        airspeed_mps=windows.median_mps,
         speeds_mps=(low, high),
         polar=polar,
-        parasitic_w=coefficients["parasitic_w"],
-        induced_w=coefficients.get("induced_w", 0.0),
-        constant_w=coefficients.get("constant_w", fixed),
+        parasitic_w=values["parasitic_w"],
+        induced_w=values.get("induced_w", 0.0),
+        constant_w=values.get("constant_w", known_w),
         climb_w_per_mps=climb_w,
         bank_w=bank_w,
         stds=stds,
@@ -436,14 +429,12 @@ def fit_power(
     )
 
 
-class _Readings(NamedTuple):
-    """Readings in flight of which all is known, each an array, shape (n,)."""
+class _Readings:
+    """Readings in flight of which all is known, each an array, shape (n,); level where no bank or climb is logged."""
 
-    times_s: FloatArray
-    power_w: FloatArray
-    airspeed_mps: FloatArray
-    bank_rad: FloatArray
-    climb_mps: FloatArray
+    def __init__(self, table: FloatArray, *, has_bank: bool, has_climb: bool) -> None:
+        self.times_s, self.power_w, self.airspeed_mps, self.bank_rad, self.climb_mps = table
+        self.has_bank, self.has_climb = has_bank, has_climb
 
 
 def _in_flight(
@@ -453,22 +444,78 @@ def _in_flight(
     bank_rad: FloatArray | None,
     climb_mps: FloatArray | None,
 ) -> _Readings:
-    """The readings of `fit_power` in flight; without banks or climbs they are level. Raises Infeasible if few."""
+    """The readings of `fit_power` in flight; raises Infeasible if they are few."""
+    banks, climbs = (
+        None if column is None or not np.isfinite(column).any() else column for column in (bank_rad, climb_mps)
+    )
     level = np.zeros_like(times_s)
-    bank, climb = (level if column is None else column for column in (bank_rad, climb_mps))
-    table = np.stack([times_s, power_w, airspeed_mps, bank, climb])
+    table = np.stack(
+        [times_s, power_w, airspeed_mps, level if banks is None else banks, level if climbs is None else climbs]
+    )
     table = table[:, np.isfinite(table).all(axis=0) & (airspeed_mps >= MIN_AIRSPEED_MPS)]
     if table.shape[1] < MIN_WINDOWS:
         raise Infeasible(f"{table.shape[1]} readings in flight with an airspeed; {MIN_WINDOWS} or more are needed")
-    return _Readings(*table)
+    return _Readings(table, has_bank=banks is not None, has_climb=climbs is not None)
 
 
-def _drag_columns(window: _Windows, ratio: FloatArray, bank_load: FloatArray, *, polar: bool) -> dict[str, FloatArray]:
-    """Regressors of the drag's power: the polar's, or a power of the airspeed where that is not identified."""
-    if polar:
-        return {"parasitic_w": window.mean(ratio**3), "induced_w": window.mean(1 / ratio) + bank_load}
-    columns = {"parasitic_w": window.mean(ratio**SLOPE)}
-    return {**columns, "induced_w": bank_load} if bank_load.any() else columns
+class _Windows:
+    """Windows of a log, and their means; one with less than half of its readings is left out."""
+
+    def __init__(self, log: _Readings) -> None:
+        index = np.floor((log.times_s - log.times_s[0]) / WINDOW_S).astype(int)
+        counts = np.bincount(index)
+        full = counts >= 0.5 * WINDOW_S / float(np.median(np.diff(log.times_s)))
+        full &= counts >= 2
+        self._index, self._counts, self._full = index, np.maximum(counts, 1), full
+        self.times_s, self.power_w = self.mean(log.times_s), self.mean(log.power_w)
+        self.climb_mps = self.mean(log.climb_mps)
+        # ḣ + V V̇/g
+        faster = self.mean(np.gradient(log.airspeed_mps**2, log.times_s))
+        self.rising_mps = self.climb_mps + faster / (2 * GRAVITY_MPS2)
+        self.median_mps = float(np.median(log.airspeed_mps))
+        # of each reading: V/V₀
+        self.speed_ratio = log.airspeed_mps / self.median_mps
+        self.turns = bool(np.percentile(np.abs(log.bank_rad), 95) >= MIN_BANK_RAD)
+        # tan² φ V₀/V, by which the induced drag's power at V₀ rises in turns
+        load = np.tan(np.clip(log.bank_rad, -1.4, 1.4)) ** 2 * self.median_mps / log.airspeed_mps
+        self.bank_load = self.mean(load if self.turns else np.zeros_like(load))
+
+    def mean(self, values: FloatArray) -> FloatArray:
+        """Means of readings, one for each window."""
+        means: FloatArray = (np.bincount(self._index, weights=values) / self._counts)[self._full]
+        return means
+
+
+class _Terms(NamedTuple):
+    """The regressors by their coefficients' names, of each window.
+
+    The coefficients `of_level` add up to the power in level flight at V₀, with `known_w` that is drawn at any throttle.
+    """
+
+    columns: dict[str, FloatArray]
+    of_level: tuple[str, ...]
+    known_w: float
+
+
+def _polar_terms(windows: _Windows, constant_w: float | None) -> _Terms:
+    """Climb and a drag polar: A V³ + B/V + C."""
+    columns = {
+        "climb_w_per_mps": windows.rising_mps,
+        "parasitic_w": windows.mean(windows.speed_ratio**3),
+        "induced_w": windows.mean(1 / windows.speed_ratio) + windows.bank_load,
+    }
+    if constant_w is not None:
+        return _Terms(columns, ("parasitic_w", "induced_w"), constant_w)
+    columns["constant_w"] = np.ones_like(windows.power_w)
+    return _Terms(columns, ("parasitic_w", "induced_w", "constant_w"), 0.0)
+
+
+def _one_speed_terms(windows: _Windows) -> _Terms:
+    """Climb, a power of the airspeed where no polar is identified, and turns."""
+    columns = {"climb_w_per_mps": windows.rising_mps, "parasitic_w": windows.mean(windows.speed_ratio**SLOPE)}
+    if windows.turns:
+        columns["induced_w"] = windows.bank_load
+    return _Terms(columns, ("parasitic_w",), 0.0)
 
 
 def _significant(
@@ -479,20 +526,3 @@ def _significant(
         notes.append(f"{words}: {value[name]:.3g} ± {stds[name]:.2g}, too uncertain")
         return None
     return value.get(name)
-
-
-class _Windows:
-    """Windows of a log; one with less than half of its readings is left out."""
-
-    def __init__(self, times_s: FloatArray) -> None:
-        index = np.floor((times_s - times_s[0]) / WINDOW_S).astype(int)
-        counts = np.bincount(index)
-        full = counts >= 0.5 * WINDOW_S / float(np.median(np.diff(times_s)))
-        full &= counts >= 2
-        self._index, self._counts, self._full = index, np.maximum(counts, 1), full
-        self.times_s = self.mean(times_s)
-
-    def mean(self, values: FloatArray) -> FloatArray:
-        """Means of readings, one for each window."""
-        means: FloatArray = (np.bincount(self._index, weights=values) / self._counts)[self._full]
-        return means

@@ -34,15 +34,8 @@ def rotation_matrix(order: int, period_s: float, step_s: float) -> FloatArray:
 
     Source: letter, Eqs. 4 and 6.
     """
-    harmonic = np.arange(1, order + 1)
-    angle = 2 * np.pi / period_s * harmonic * step_s
-    cosine, sine = 2 * harmonic - 1, 2 * harmonic  # where α_j and β_j stand in the state
-    matrix = np.eye(2 * order + 1)
-    # A_j = [[0, ωj], [−ωj, 0]]  →  e^{A_j Δt} = [[cos ωjΔt, sin ωjΔt], [−sin ωjΔt, cos ωjΔt]]
-    matrix[cosine, cosine] = matrix[sine, sine] = np.cos(angle)
-    matrix[cosine, sine] = np.sin(angle)
-    matrix[sine, cosine] = -np.sin(angle)
-    return matrix
+    at_s = np.array([step_s])
+    return np.stack([rotated(unit, period_s, at_s)[0] for unit in np.eye(2 * order + 1)], axis=1)
 
 
 def rotated(state_w: ArrayLike, period_s: float | None, ahead_s: FloatArray) -> FloatArray:
@@ -69,6 +62,7 @@ def rotated(state_w: ArrayLike, period_s: float | None, ahead_s: FloatArray) -> 
     if period_s is not None and len(state) > 1:
         angle = 2 * np.pi / period_s * np.arange(1, (len(state) + 1) // 2) * ahead_s[:, None]
         cosine, sine = np.cos(angle), np.sin(angle)
+        # e^{A_j t} of A_j = [[0, ωj], [−ωj, 0]]
         states[:, 1::2] = cosine * state[1::2] + sine * state[2::2]
         states[:, 2::2] = cosine * state[2::2] - sine * state[1::2]
     return states

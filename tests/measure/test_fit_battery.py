@@ -93,13 +93,10 @@ def test_the_charge_at_the_start_needs_evidence(eadp, flight):
 
 
 def test_a_count_and_a_voltage_that_disprove_what_is_given(eadp, flight):
-    """The log uses 1.33 Ah of 2 Ah: a count of a quarter of it, or more than a capacity; a pack that was not full."""
+    """The log uses 1.33 Ah: a count of more than a capacity; a pack that was not full."""
     lines = flight.read_text().splitlines()
-    for of, said in ((0.25, True), (1.0, False)):
-        count = [f"{line},{10 + of * 1333 / 1200 * i}" for i, line in enumerate(lines[1:])]
-        flight.write_text("\n".join([f"{lines[0]},discharged_mah", *count]) + "\n")
-        answer = eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1")
-        assert ("its count of the charge used rises by" in answer.err) is said
+    count = [f"{line},{10 + 1333 / 1200 * i}" for i, line in enumerate(lines[1:])]
+    flight.write_text("\n".join([f"{lines[0]},discharged_mah", *count]) + "\n")
     assert refused(eadp("fit", flight, "--battery", "--capacity", "1"), "--soc:1:1: error: nothing shows the charge")
     flight.write_text("\n".join(lines) + "\n")
     assert "far below" not in eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "--cells", "4").err
