@@ -39,7 +39,7 @@ from eadp.core import compiled
 from eadp.core.signals import output_row
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
-from eadp.measure.spectrum import design_matrix
+from eadp.measure.harmonics import design_matrix
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor

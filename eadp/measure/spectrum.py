@@ -2,9 +2,7 @@
 
 Method:
 
-1. Periodogram: every frequency of a fine grid is evaluated by cross-validated harmonic least squares. The samples are
-   cut into contiguous blocks, each is forecast by a fit without it and its two neighbours, and the criterion is the
-   squared forecast error. Correlated noise does not leak over a whole block.
+1. Periodogram: every frequency of a fine grid is evaluated by cross-validated harmonic least squares, see `harmonics`.
 2. The best peaks, their multiples and submultiples are evaluated again at every order. The shortest period that
    forecasts no worse than the best is chosen: a signal of period T also repeats every 2T.
 3. The period is refined on all samples, at their own times, by a bounded one-dimensional search; the order is the
@@ -25,19 +23,34 @@ Samples are not interpolated: gaps, drop-outs and irregular steps only mean fewe
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy import fft, optimize, special
+from numpy.typing import ArrayLike
+from scipy import special
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.errors import Infeasible
+from eadp.measure.harmonics import (
+    OVERSAMPLING,
+    Grid,
+    PowerSamples,
+    chosen_order,
+    design_matrix,
+    explained_r2,
+    harmonic_fit,
+    held_out,
+    held_out_by_order,
+    held_out_errors,
+    top_order,
+    nearest_minimum,
+    no_worse,
+    refined,
+    slope_by_period,
+)
 from eadp.measure.noise import LikelihoodScan, NoiseModel, TimeBins, binned, tail
-
-ComplexArray = NDArray[np.complex128]
 
 MIN_SAMPLES = 20
 """Fewer samples than this are not analysed."""
@@ -46,7 +59,6 @@ MIN_PERIODS = 1.9
 MIN_SAMPLES_PER_PERIOD = 4
 MAX_PERIODS = 400
 """The shortest period searched is the log divided by this, or 4 mean sampling steps if that is longer."""
-MAX_ORDER = 12
 MIN_CV_R2 = 0.05
 """Smallest cross-validated R² of a period."""
 MAX_CHANCE = 0.03
@@ -58,16 +70,10 @@ RANGE_MARGIN = 1.02
 PRIOR_RATIO = 1.3
 """A period is searched within this factor of a prior."""
 
-_BLOCKS = 12
-_APART = (np.abs(np.arange(_BLOCKS) - np.arange(_BLOCKS)[:, np.newaxis]) > 1).astype(float)  # not itself or a neighbour
 _SCAN_ORDER = 3
 _SCAN_STRIDE = 3
-_OVERSAMPLING = 64  # grid steps in 1/span: a step turns harmonic 12 by 0.19 of a cycle from end to end
 _PEAKS = 6
-_STRETCHES = 1024  # of a log, for the search near a frequency
-_PATIENCE = 4
 _NEAR = 4  # grid steps that the best order may move a peak of the scan
-_TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
 _PARTS_AT = (0.0, 0.5, 1.0)  # of a long log, as shares of what is beside them
 _PART_RATIO = 10  # of the shortest periods of two searches in parts
 _PART_SHARE = 1 / 6  # of a log that is searched whole: a part in which a drift is less than a turn
@@ -190,17 +196,16 @@ def analyse(
     power = np.asarray(power_w, dtype=float)
     if len(times) < MIN_SAMPLES:
         raise Infeasible(f"{len(times)} samples are too few to find a period in: {MIN_SAMPLES} are needed")
-    samples = _Samples(times - times[0], power - power.mean())
+    samples = PowerSamples(times - times[0], power - power.mean())
     searched_s = _range_s(samples, period_prior_s)
     mean_w, std_w = float(power.mean()), float(power.std(ddof=1))
     if std_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
-        return _aperiodic(samples, mean_w, std_w, 0.0, searched_s)
+        return _aperiodic(samples, mean_w, std_w, searched_s, None)
     found = _anywhere(samples, searched_s) if period_prior_s is None else _near_prior(samples, searched_s)
     if not (found.periodic and found.inside):
-        nothing = _aperiodic(samples, mean_w, std_w, found.cv_r2, searched_s, found.frequency_hz, found.chance)
         drifting = _drifting(samples, mean_w, searched_s) if period_prior_s is None else None
-        return drifting or nothing
-    if order is not None and order > (max_order := _max_order(samples, 1 / found.frequency_hz, order)):
+        return drifting or _aperiodic(samples, mean_w, std_w, searched_s, found)
+    if order is not None and order > (max_order := top_order(samples, 1 / found.frequency_hz, order)):
         period = f"a period of {1 / found.frequency_hz:.4g} s"
         what = f"{len(times)} samples every {samples.step_s:.3g} s resolve {period} to order {max_order} at most"
         raise Infeasible(f"order {order} is too high: {what}")
@@ -240,22 +245,22 @@ class _Found(NamedTuple):
         return known and self.chance <= MAX_CHANCE and self.cv_r2 >= MIN_CV_R2
 
 
-def _near_prior(samples: _Samples, range_s: tuple[float, float]) -> _Found:
+def _near_prior(samples: PowerSamples, range_s: tuple[float, float]) -> _Found:
     """The period in the range about a prior: the likelihood may find one where least squares sees little."""
     return _assess(samples, *_located(samples, *range_s), range_s)
 
 
-def _anywhere(samples: _Samples, range_s: tuple[float, float]) -> _Found:
+def _anywhere(samples: PowerSamples, range_s: tuple[float, float]) -> _Found:
     """The period in a range, or a shorter one of which that in the range is a multiple."""
     shortest_s, longest_s = range_s
     frequency_hz, order = _short(samples, *_located(samples, *range_s), shortest_s)
     range_s = min(shortest_s, 1 / frequency_hz), longest_s
-    cv_r2 = _cv_r2(samples, frequency_hz, order)
+    cv_r2 = explained_r2(samples, frequency_hz, order)
     if cv_r2 < MIN_CV_R2:
         return _Found(frequency_hz, math.inf, order, cv_r2, 1.0, range_s, None)
     found = _assess(samples, frequency_hz, order, range_s)
     while found.periodic and (multiple := _multiple(samples, found)) > 1:
-        frequency_hz, order = _refine(samples, found.frequency_hz * multiple)
+        frequency_hz, order = refined(samples, found.frequency_hz * multiple)
         shorter = _assess(samples, frequency_hz, order, (min(found.range_s[0], 1 / frequency_hz), longest_s))
         if shorter.frequency_hz < math.sqrt(multiple) * found.frequency_hz:  # nearer to the longer one: found again
             break
@@ -263,39 +268,41 @@ def _anywhere(samples: _Samples, range_s: tuple[float, float]) -> _Found:
     return found
 
 
-def _assess(samples: _Samples, frequency_hz: float, order: int, range_s: tuple[float, float]) -> _Found:
+def _assess(samples: PowerSamples, frequency_hz: float, order: int, range_s: tuple[float, float]) -> _Found:
     """The period in white or coloured noise, and the chance that noise alone looks as periodic in a range."""
     shortest_s, longest_s = range_s
     bins = _bins(samples, 1 / frequency_hz, order)
     evidence = _evidence(bins, 1 / frequency_hz, order)
-    fitted, error = _fit(samples, frequency_hz, order)
-    noise = math.sqrt(error / max(1, len(samples.times_s) - 2 * order - 2))
-    inflation = _inflation(frequency_hz, fitted, noise, evidence)
-    std_s = _white_std_s(samples, frequency_hz, fitted, noise) * math.sqrt(inflation)
+    white = _white_fit(samples, frequency_hz, order, evidence)
+    std_s = white.std_s * math.sqrt(white.inflation)
     chance = min(1.0, evidence.chance * max(1.0, samples.span_s * (1 / shortest_s - 1 / longest_s)))
+    found = _Found(frequency_hz, std_s, order, explained_r2(samples, frequency_hz, order), chance, range_s, evidence)
     # the residuals of a clean signal come from binning, not from noise
-    clean = error < _CLEAN * float(samples.square.sum())
-    coloured = inflation > _WHITE and not clean and bins.covered_s > 0.9 * samples.span_s
-    if chance > _EVIDENT or coloured:
-        low_hz, high_hz = 1 / longest_s, 1 / shortest_s
-        peak = _coloured(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
-        chance = chance if peak.chance is None else peak.chance
-        if coloured:
-            frequency_hz, std_s = peak.frequency_hz, _WIDENED * peak.std_hz / peak.frequency_hz**2
-            order = _choose_order(samples, frequency_hz)
-            evidence = _evidence(bins, 1 / frequency_hz, order)
-    return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, range_s, evidence)
+    clean = white.error < _CLEAN * float(samples.square.sum())
+    coloured = white.inflation > _WHITE and not clean and bins.covered_s > 0.9 * samples.span_s
+    doubtful = chance > _EVIDENT
+    if not (doubtful or coloured):
+        return found
+    peak = _coloured(bins, found, judge=doubtful)
+    if peak.chance is not None:
+        chance = peak.chance
+    if not coloured:
+        return found._replace(chance=chance)
+    frequency_hz, std_s = peak.frequency_hz, _WIDENED * peak.std_hz / peak.frequency_hz**2
+    order = chosen_order(samples, frequency_hz)
+    evidence = _evidence(bins, 1 / frequency_hz, order)
+    return _Found(frequency_hz, std_s, order, explained_r2(samples, frequency_hz, order), chance, range_s, evidence)
 
 
-def _multiple(samples: _Samples, found: _Found) -> int:
+def _multiple(samples: PowerSamples, found: _Found) -> int:
     """The period over the shortest one of which it is a multiple: all harmonics that one lacks are zero.
 
     They are if their square is a millionth of the signal's, or compatible with noise, βᵀ (cov β)⁻¹ β being χ², and the
     others forecast no worse: in slow noise the first alone has little power.
     """
-    fitted, _ = _fit(samples, found.frequency_hz, found.order)
+    fitted, _ = harmonic_fit(samples, found.frequency_hz, found.order)
     covariance = _covariance(samples, found, found.order)
-    best, total = _errors(samples, found.frequency_hz, found.order), float(samples.square.sum())
+    best, total = held_out_errors(samples, found.frequency_hz, found.order), float(samples.square.sum())
     harmonic = (np.arange(len(fitted)) + 1) // 2
     for part in range(found.order, 1, -1):
         lacking = harmonic % part != 0
@@ -304,161 +311,68 @@ def _multiple(samples: _Samples, found: _Found) -> int:
             return part
         half = 0.5 * float(rest @ np.linalg.lstsq(covariance[np.ix_(lacking, lacking)], rest, rcond=None)[0])
         zero = special.gammaincc(len(rest) / 2, half) > _SURE
-        if zero and _no_worse(_errors(samples, found.frequency_hz * part, found.order // part), best, total):
+        if zero and no_worse(held_out_errors(samples, found.frequency_hz * part, found.order // part), best, total):
             return part
     return 1
 
 
-def _drift_s(samples: _Samples, found: _Found) -> tuple[tuple[float, float] | None, float]:
+def _drift_s(samples: PowerSamples, found: _Found) -> tuple[tuple[float, float] | None, float]:
     """Shortest and longest period of the log's parts if they differ significantly, and their standard deviation [s].
 
     The correlation of the noise is that in the middle part.
     """
-    laps = samples.span_s * found.frequency_hz
-    parts = min(_MAX_PARTS, int(laps / _MIN_LAPS))
-    fits: list[tuple[_Samples, float, int]] = []
-    for one in np.array_split(np.arange(len(samples.times_s)), parts) if parts > 1 else []:
-        kept = one[: math.ceil(min(1.0, _MAX_LAPS * parts / laps) * len(one))]
-        times, power = samples.times_s[kept], samples.power_w[kept]
-        part = _Samples(times - times[0], power - power.mean())
-        order = min(max(found.order, _SCAN_ORDER), _max_order(part, 1 / found.frequency_hz))
-        # steps of an eighth of a turn of the top harmonic
-        steps = math.ceil(8 * order * MAX_STD_RATIO * part.span_s * found.frequency_hz)
-        grid = found.frequency_hz * (1 + MAX_STD_RATIO * np.arange(-steps, steps + 1) / steps)
-        errors = [_fit(part, frequency_hz, order)[1] for frequency_hz in grid.tolist()]
-        fits.append((part, _minimise(part, float(grid[int(np.argmin(errors))]), order), order))
+    fits = _part_fits(samples, found)
     if not fits:
         return None, 0.0
     part, frequency_hz, order = fits[len(fits) // 2]
-    evidence, variances = _evidence(_bins(part, 1 / frequency_hz, order), 1 / frequency_hz, order), []
-    for part, frequency_hz, order in fits:
-        fitted, error = _fit(part, frequency_hz, order)
-        noise = math.sqrt(error / max(1, len(part.times_s) - 2 * order - 2))
-        inflation = _inflation(frequency_hz, fitted, noise, evidence)
-        variances.append(_white_std_s(part, frequency_hz, fitted, noise) ** 2 * inflation)
-    period = np.array([1 / frequency_hz for _, frequency_hz, _ in fits])
+    evidence = _evidence(_bins(part, 1 / frequency_hz, order), 1 / frequency_hz, order)
+    whites = [_white_fit(*each, evidence) for each in fits]
+    variances = [white.std_s**2 * white.inflation for white in whites]
+    period = np.array([1 / each.frequency_hz for each in fits])
     weight = 1 / np.maximum(variances, (1e-6 * period[0]) ** 2)
     square = float(weight @ (period - weight @ period / weight.sum()) ** 2)
-    if special.gammaincc((parts - 1) / 2, square / 2) > _SURE:
+    if special.gammaincc((len(fits) - 1) / 2, square / 2) > _SURE:
         return None, 0.0
     return (float(period.min()), float(period.max())), float(period.std(ddof=1))
 
 
-# ---- samples and least squares -----------------------------------------------------------------------------------
+class _PartFit(NamedTuple):
+    """The period fitted again in a part of the log."""
+
+    samples: PowerSamples
+    frequency_hz: float
+    order: int
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """Times from the first sample, and power less its mean, in blocks of equal numbers of samples."""
-
-    times_s: FloatArray
-    power_w: FloatArray
-
-    @property
-    def span_s(self) -> float:
-        return float(self.times_s[-1])
-
-    def part(self, start: int, stop: int) -> _Samples:
-        """The samples from one place to another, at their own times since the first of them."""
-        if stop - start >= len(self.times_s):
-            return self
-        return _Samples(self.times_s[start:stop] - self.times_s[start], self.power_w[start:stop])
-
-    @property
-    def step_s(self) -> float:
-        return self.span_s / (len(self.times_s) - 1)
-
-    @cached_property
-    def edges(self) -> list[int]:
-        return [len(self.times_s) * b // _BLOCKS for b in range(_BLOCKS + 1)]
-
-    @cached_property
-    def block(self) -> IntArray:
-        return np.repeat(np.arange(_BLOCKS), np.diff(self.edges))
-
-    @cached_property
-    def square(self) -> FloatArray:
-        return np.add.reduceat(self.power_w**2, self.edges[:-1])
+def _part_fits(samples: PowerSamples, found: _Found) -> list[_PartFit]:
+    """The period fitted again in parts of the log, of some laps each; empty of a log of few laps."""
+    laps = samples.span_s * found.frequency_hz
+    parts = min(_MAX_PARTS, int(laps / _MIN_LAPS))
+    if parts <= 1:
+        return []
+    share = min(1.0, _MAX_LAPS * parts / laps)
+    fits = []
+    for part in np.array_split(np.arange(len(samples.times_s)), parts):
+        kept = part[: math.ceil(share * len(part))]
+        times, power = samples.times_s[kept], samples.power_w[kept]
+        fits.append(_part_fit(PowerSamples(times - times[0], power - power.mean()), found))
+    return fits
 
 
-class _Sums(NamedTuple):
-    """Normal equations of each block: XᵀX, Xᵀy, yᵀy. Columns 1, cos, sin, cos 2, sin 2, …: lower orders lead."""
-
-    gram: FloatArray  # (..., blocks, m, m)
-    moment: FloatArray  # (..., blocks, m)
-    square: FloatArray  # (blocks,)
-
-
-def _sums(samples: _Samples, frequency_hz: float, order: int) -> _Sums:
-    """Normal equations at one frequency, from the samples themselves."""
-    columns = design_matrix(samples.times_s, frequency_hz, order)
-    cuts = samples.edges[1:-1]
-    parts = zip(np.split(columns, cuts), np.split(samples.power_w, cuts), strict=True)
-    gram, moment = zip(*((x.T @ x, x.T @ y) for x, y in parts), strict=True)
-    return _Sums(np.array(gram), np.array(moment), samples.square)
-
-
-def _held_out(sums: _Sums, order: int) -> FloatArray:
-    """Squared error of each block, forecast without it and its neighbours: shape (..., blocks) [W²]."""
-    m = 2 * order + 1
-    gram, moment = sums.gram[..., :m, :m], sums.moment[..., :m]
-    count = gram[..., 0, 0].sum(axis=-1)[..., np.newaxis, np.newaxis]
-    seen_gram = (_APART @ gram.reshape(*gram.shape[:-2], m * m)).reshape(gram.shape)
-    seen_moment = _APART @ moment
-    # a ridge of a millionth bounds coefficients that the other blocks leave undetermined
-    seen_gram[..., np.arange(m), np.arange(m)] += 1e-6 * count
-    fitted = np.linalg.solve(seen_gram, seen_moment[..., np.newaxis])[..., 0]
-    # ‖y − Xβ‖² = yᵀy − 2βᵀXᵀy + βᵀXᵀXβ
-    quadratic = np.einsum("...i,...ij,...j->...", fitted, gram, fitted)
-    error: FloatArray = sums.square - 2 * np.sum(fitted * moment, axis=-1) + quadratic
-    return error
-
-
-def _by_order(sums: _Sums, max_order: int) -> FloatArray:
-    """Held-out errors of orders 1, 2, …, shape (orders, ..., blocks), until four in a row bring no improvement."""
-    errors = [_held_out(sums, 1)]
-    min_error, at = float(errors[0].sum(axis=-1).min()), 1
-    for order in range(2, max_order + 1):
-        errors.append(_held_out(sums, order))
-        error = float(errors[-1].sum(axis=-1).min())
-        if error < min_error:
-            min_error, at = error, order
-        if order >= at + _PATIENCE:
-            break
-    return np.array(errors)
-
-
-def _errors(samples: _Samples, frequency_hz: float, order: int) -> FloatArray:
-    return _held_out(_sums(samples, frequency_hz, order), order)
-
-
-def _cv_r2(samples: _Samples, frequency_hz: float, order: int) -> float:
-    sums = _sums(samples, frequency_hz, order)
-    return float(1 - _held_out(sums, order).sum() / _held_out(sums, 0).sum())
-
-
-def _no_worse(error: FloatArray, best: FloatArray, total: float) -> bool:
-    """Whether a simpler model forecasts the blocks no worse than the best one.
-
-    The excess is at most two standard errors of the difference over the blocks and a tenth of the best error; a
-    millionth of the signal never counts.
-    """
-    excess = error - best
-    standard_error = math.sqrt(len(excess)) * float(np.std(excess, ddof=1))
-    worse = float(excess.sum())
-    return worse <= min(2 * standard_error, 0.1 * float(best.sum())) or worse <= 1e-6 * total
-
-
-def _max_order(samples: _Samples, period_s: float, limit: int = MAX_ORDER) -> int:
-    """Highest order that the sampling resolves at a period, and that leaves four samples to a coefficient."""
-    resolved = math.ceil(period_s / (2 * samples.step_s)) - 1
-    return max(1, min(limit, resolved, (len(samples.times_s) // 4 - 1) // 2))
+def _part_fit(part: PowerSamples, found: _Found) -> _PartFit:
+    """The period of a part, near that of the whole log: the best of a grid, refined."""
+    order = min(max(found.order, _SCAN_ORDER), top_order(part, 1 / found.frequency_hz))
+    # steps of an eighth of a turn of the top harmonic
+    steps = math.ceil(8 * order * MAX_STD_RATIO * part.span_s * found.frequency_hz)
+    grid = found.frequency_hz * (1 + MAX_STD_RATIO * np.arange(-steps, steps + 1) / steps)
+    errors = [harmonic_fit(part, frequency_hz, order)[1] for frequency_hz in grid.tolist()]
+    return _PartFit(part, nearest_minimum(part, float(grid[int(np.argmin(errors))]), order), order)
 
 
 # ---- 1 and 2: the search -----------------------------------------------------------------------------------------
 
 
-def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
+def _range_s(samples: PowerSamples, prior_s: float | None) -> tuple[float, float]:
     shortest, longest = MIN_SAMPLES_PER_PERIOD * samples.step_s, samples.span_s / MIN_PERIODS
     if prior_s is None:
         return max(shortest, samples.span_s / MAX_PERIODS), longest
@@ -471,7 +385,7 @@ def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
     return low, high
 
 
-def _part(samples: _Samples, shortest_s: float, share: float, most: float = 1.0) -> tuple[int, int]:
+def _part(samples: PowerSamples, shortest_s: float, share: float, most: float = 1.0) -> tuple[int, int]:
     """A part of the log, at a share of what is beside it: `MAX_PERIODS` of the shortest long, at most `most` of it."""
     n = len(samples.times_s)
     count = min(n, math.ceil(n * min(most, MAX_PERIODS * shortest_s / samples.span_s)))
@@ -479,14 +393,14 @@ def _part(samples: _Samples, shortest_s: float, share: float, most: float = 1.0)
     return start, start + count
 
 
-def _searched(samples: _Samples, shortest_s: float, longest_s: float, bounds: tuple[int, int]) -> _Local:
+def _searched(samples: PowerSamples, shortest_s: float, longest_s: float, bounds: tuple[int, int]) -> _Local:
     """The period in a part of the log."""
     part = samples.part(*bounds)
-    found = _refine(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
+    found = refined(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
     return _Local(*found, *bounds)
 
 
-def _located(samples: _Samples, shortest_s: float, longest_s: float, share: float = 0.0) -> tuple[float, int]:
+def _located(samples: PowerSamples, shortest_s: float, longest_s: float, share: float = 0.0) -> tuple[float, int]:
     """Frequency [Hz] and order: searched in a part of the log, then followed over parts twice as long, to all of it.
 
     A part knows the period to a share of a turn over the next one: over a long log it is not mistaken by turns.
@@ -497,22 +411,22 @@ def _located(samples: _Samples, shortest_s: float, longest_s: float, share: floa
         count = min(n, 2 * (stop - start))
         start = min(max(0, start - count // 4), n - count)
         stop = start + count
-        frequency_hz, order = _refine(samples.part(start, stop), frequency_hz)
+        frequency_hz, order = refined(samples.part(start, stop), frequency_hz)
     return frequency_hz, order
 
 
-def _short(samples: _Samples, frequency_hz: float, order: int, shortest_s: float) -> tuple[float, int]:
+def _short(samples: PowerSamples, frequency_hz: float, order: int, shortest_s: float) -> tuple[float, int]:
     """A period too short for a search over the whole log, where it forecasts better than the one found there."""
-    best = _errors(samples, frequency_hz, order)
+    best = held_out_errors(samples, frequency_hz, order)
     for from_s in _short_from_s(samples, shortest_s):
         for share in _PARTS_AT:
             found = _located(samples, from_s, shortest_s, share)
-            if not _no_worse(best, _errors(samples, *found), float(samples.square.sum())):
+            if not no_worse(best, held_out_errors(samples, *found), float(samples.square.sum())):
                 return found
     return frequency_hz, order
 
 
-def _short_from_s(samples: _Samples, shortest_s: float) -> list[float]:
+def _short_from_s(samples: PowerSamples, shortest_s: float) -> list[float]:
     """The shortest periods of searches in parts of the log: each finds up to 200 times its own."""
     found = [MIN_SAMPLES_PER_PERIOD * samples.step_s]
     while found[-1] < shortest_s:
@@ -520,27 +434,18 @@ def _short_from_s(samples: _Samples, shortest_s: float) -> list[float]:
     return found[:-1]
 
 
-def _drifting(samples: _Samples, mean_w: float, searched_s: tuple[float, float]) -> Spectrum | None:
+def _drifting(samples: PowerSamples, mean_w: float, searched_s: tuple[float, float]) -> Spectrum | None:
     """The period that parts of the log have, and the whole has not, as it drifts: that of the middle; None without one.
 
     The first, the middle and the last part have it, for sure, and nearly the same.
     """
-    min_s = max(searched_s[0], MIN_SAMPLES_PER_PERIOD * samples.step_s)
-    for from_s, most in (*((each, 1.0) for each in _short_from_s(samples, searched_s[0])), (min_s, _PART_SHARE)):
-        parts = []
-        for share in _PARTS_AT:
-            bounds = _part(samples, from_s, share, most)
-            if np.ptp(samples.power_w[slice(*bounds)]) == 0:
-                break
-            frequency_hz, order, start, stop = _searched(samples, from_s, searched_s[1], bounds)
-            part = samples.part(start, stop)
-            part = replace(part, power_w=part.power_w - part.power_w.mean())
-            found = _assess(part, frequency_hz, order, (from_s, part.span_s / MIN_PERIODS))
-            if not (found.periodic and found.chance <= _SURE):
-                break
-            parts.append((part, found))
+    shortest_s, longest_s = searched_s
+    min_s = max(shortest_s, MIN_SAMPLES_PER_PERIOD * samples.step_s)
+    for from_s, most in (*((each, 1.0) for each in _short_from_s(samples, shortest_s)), (min_s, _PART_SHARE)):
+        bounds = [_part(samples, from_s, share, most) for share in _PARTS_AT]
+        parts = list(_sure_in_parts(samples, from_s, longest_s, bounds))
         hz = [found.frequency_hz for _, found in parts]
-        if len(parts) < len(_PARTS_AT) or max(hz) > (1 + 2 * MAX_STD_RATIO) * min(hz):
+        if len(parts) < len(bounds) or max(hz) > (1 + 2 * MAX_STD_RATIO) * min(hz):
             continue
         part, found = parts[1]
         drift_s, std_s = _drift_s(samples, found)
@@ -550,55 +455,20 @@ def _drifting(samples: _Samples, mean_w: float, searched_s: tuple[float, float])
     return None
 
 
-class _Grid:
-    """Normal equations at every frequency k · `step_hz`, from one FFT of each block of the samples' times.
-
-    Harmonic least squares needs nothing but sums of e^{2πi f t} and y e^{2πi f t} over the samples, at multiples of
-    the frequency: the grid holds them all. Times are rounded to ticks, a 16th of the shortest period.
-    """
-
-    def __init__(self, samples: _Samples, shortest_s: float) -> None:
-        tick_s = shortest_s / _TICKS_PER_PERIOD
-        self._length = int(fft.next_fast_len(math.ceil(_OVERSAMPLING * samples.span_s / tick_s) + 1, real=True))
-        self.step_hz = 1 / (self._length * tick_s)
-        tick = np.rint(samples.times_s / tick_s).astype(int)
-        shape = (_BLOCKS, int(tick[-1]) + 1)
-        place = samples.block * shape[1] + tick
-        self._one = self._transform(np.bincount(place, minlength=shape[0] * shape[1]).reshape(shape))
-        weighted = np.bincount(place, samples.power_w, minlength=shape[0] * shape[1])
-        self._power = self._transform(weighted.reshape(shape))
-        self._square = samples.square
-
-    def _transform(self, blocks: FloatArray | IntArray) -> ComplexArray:
-        transform: ComplexArray = np.conj(fft.rfft(blocks.astype(float), self._length, axis=1))
-        return transform
-
-    def _at(self, transform: ComplexArray, index: IntArray) -> ComplexArray:
-        """Values at indices of shape (k, j), shape (k, blocks, j): the transform of reals is Hermitian."""
-        index = index % self._length
-        mirrored = index > self._length // 2
-        values = transform[:, np.where(mirrored, self._length - index, index)]
-        return np.moveaxis(np.where(mirrored, np.conj(values), values), 0, 1)
-
-    def sums(self, index: IntArray, order: int) -> _Sums:
-        """Normal equations at frequencies `index` · step, shape (k,)."""
-        multiples = np.arange(2 * order + 1)
-        one = self._at(self._one, index[:, np.newaxis] * multiples)
-        power = self._at(self._power, index[:, np.newaxis] * multiples[: order + 1])
-        return _Sums(*_normal(one, power), self._square)
-
-
-def _normal(one: ComplexArray, power: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """XᵀX and Xᵀy, (..., m, m) and (..., m), from sums of e^{ikx}, k = 0 … 2r, and of y e^{ikx}, k = 0 … r."""
-    multiples = np.arange(one.shape[-1])
-    # column c is Re(w e^{ihx}): h = 0, 1, 1, 2, 2, …, w = 1 for a cosine and −i for a sine; and
-    # Re(w e^{ihx}) Re(v e^{igx}) = ½ Re(w v e^{i(h+g)x} + w v̄ e^{i(h−g)x})
-    harmonic = (multiples + 1) // 2
-    weight = np.where((multiples % 2 == 0) & (multiples > 0), -1j, 1)
-    both, apart = harmonic[:, np.newaxis] + harmonic, harmonic[:, np.newaxis] - harmonic
-    difference = np.where(apart < 0, np.conj(one[..., np.abs(apart)]), one[..., np.abs(apart)])
-    gram = np.outer(weight, weight) * one[..., both] + np.outer(weight, np.conj(weight)) * difference
-    return gram.real / 2, (weight * power[..., harmonic]).real
+def _sure_in_parts(
+    samples: PowerSamples, shortest_s: float, longest_s: float, bounds: Sequence[tuple[int, int]]
+) -> Iterator[tuple[PowerSamples, _Found]]:
+    """Parts of the log with the period of each, up to the first part that has none for sure."""
+    for start, stop in bounds:
+        if np.ptp(samples.power_w[start:stop]) == 0:
+            return
+        local = _searched(samples, shortest_s, longest_s, (start, stop))
+        part = samples.part(start, stop)
+        part = replace(part, power_w=part.power_w - part.power_w.mean())
+        found = _assess(part, local.frequency_hz, local.order, (shortest_s, part.span_s / MIN_PERIODS))
+        if not (found.periodic and found.chance <= _SURE):
+            return
+        yield part, found
 
 
 class _Candidate(NamedTuple):
@@ -611,9 +481,9 @@ class _Candidate(NamedTuple):
         return float(self.error.sum())
 
 
-def _search(samples: _Samples, shortest_s: float, longest_s: float) -> float:
+def _search(samples: PowerSamples, shortest_s: float, longest_s: float) -> float:
     """Frequency of the true period, within a grid step [Hz]."""
-    grid = _Grid(samples, shortest_s)
+    grid = Grid(samples, shortest_s)
     first = math.ceil(1 / longest_s / grid.step_hz)
     last = max(first, math.floor(1 / shortest_s / grid.step_hz))
     peaks = _peaks(samples, grid, np.arange(first, last + 1, _SCAN_STRIDE))
@@ -628,7 +498,7 @@ def _search(samples: _Samples, shortest_s: float, longest_s: float) -> float:
     return shortest.place * grid.step_hz
 
 
-def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: float) -> bool:
+def _suffices(samples: PowerSamples, part: _Candidate, best: _Candidate, step_hz: float) -> bool:
     """Whether a submultiple of the best period is as good as the best.
 
     It forecasts no worse; or it explains at least half of what the best does, and the rest is compatible with noise: a
@@ -638,7 +508,7 @@ def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: fl
     if not _is_part(part.place, best.place):
         return False
     total = float(samples.square.sum())
-    if _no_worse(part.error, best.error, total):
+    if no_worse(part.error, best.error, total):
         return True
     if part.total > (total + best.total) / 2:
         return False
@@ -651,117 +521,29 @@ def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: fl
 
 def _is_part(index: int, of: int) -> bool:
     """Whether a frequency is a multiple of another, within the resolution of the grid."""
-    return round(index / of) >= 2 and abs(index - round(index / of) * of) <= _OVERSAMPLING // 4
+    return round(index / of) >= 2 and abs(index - round(index / of) * of) <= OVERSAMPLING // 4
 
 
-def _peaks(samples: _Samples, grid: _Grid, index: IntArray) -> IntArray:
+def _peaks(samples: PowerSamples, grid: Grid, index: IntArray) -> IntArray:
     """The best local minima of the held-out error over a scan of the whole range."""
     errors = []
     # a few MB, and one order, at a time; near a prior there may be few frequencies
     for chunk in np.array_split(index, min(len(index), 8 + len(index) // 300)):
-        order = _max_order(samples, 1 / (grid.step_hz * chunk[-1]), _SCAN_ORDER)
-        errors.append(_held_out(grid.sums(chunk, order), order).sum(axis=-1))
+        order = top_order(samples, 1 / (grid.step_hz * chunk[-1]), _SCAN_ORDER)
+        errors.append(held_out(grid.sums(chunk, order), order).sum(axis=-1))
     error = np.concatenate(errors)
     padded = np.pad(error, 1, constant_values=np.inf)
     minima = np.flatnonzero((error <= padded[:-2]) & (error <= padded[2:]))
     return index[minima[np.argsort(error[minima], kind="stable")[:_PEAKS]]]
 
 
-def _best_near(samples: _Samples, grid: _Grid, index: IntArray) -> _Candidate:
+def _best_near(samples: PowerSamples, grid: Grid, index: IntArray) -> _Candidate:
     """The best of some neighbouring frequencies and all orders."""
-    max_order = _max_order(samples, 1 / (grid.step_hz * index[0]))
+    max_order = top_order(samples, 1 / (grid.step_hz * index[0]))
     sums = grid.sums(index, max_order)
-    errors = _by_order(sums, max_order)
+    errors = held_out_by_order(sums, max_order)
     best, k = np.unravel_index(np.argmin(errors.sum(axis=-1)), errors.shape[:2])
     return _Candidate(int(index[k]), int(best) + 1, errors[best, k])
-
-
-# ---- 3: the refinement -------------------------------------------------------------------------------------------
-
-
-def _refine(samples: _Samples, frequency_hz: float) -> tuple[float, int]:
-    """Frequency on all samples [Hz], and the order."""
-    order = _choose_order(samples, frequency_hz)
-    for _ in range(2):  # the order may change with the frequency, and the frequency with the order
-        frequency_hz = _minimise(samples, frequency_hz, order)
-        order = _choose_order(samples, frequency_hz)
-    return frequency_hz, order
-
-
-def _choose_order(samples: _Samples, frequency_hz: float) -> int:
-    """The smallest order that forecasts no worse than the best."""
-    max_order = _max_order(samples, 1 / frequency_hz)
-    sums = _sums(samples, frequency_hz, max_order)
-    errors = _by_order(sums, max_order)
-    best = errors[np.argmin(errors.sum(axis=-1))]
-    total = float(samples.square.sum())
-    return 1 + next(i for i, error in enumerate(errors) if _no_worse(error, best, total))
-
-
-def _minimise(samples: _Samples, frequency_hz: float, order: int) -> float:
-    """Frequency of the least squared error of all samples near a start [Hz].
-
-    Sums of e^{2πi k f t} are taken at the start, in stretches so short that a near frequency turns each as a whole.
-    """
-    step_hz = 1 / (_OVERSAMPLING * samples.span_s)
-    starts = np.arange(0, len(samples.times_s), math.ceil(len(samples.times_s) / _STRETCHES))
-    turn = np.exp(2j * np.pi * frequency_hz * samples.times_s)
-    one, power = np.empty((2, 2 * order + 1, len(starts)), dtype=complex)
-    wave = np.ones_like(turn)
-    for k in range(2 * order + 1):
-        one[k], power[k] = np.add.reduceat(wave, starts), np.add.reduceat(wave * samples.power_w, starts)
-        wave *= turn
-    # 2πi k t, t the middle of a stretch
-    middle_s = np.add.reduceat(samples.times_s, starts) / np.diff(starts, append=len(samples.times_s))
-    turned = 2j * np.pi * np.arange(2 * order + 1)[:, np.newaxis] * middle_s
-
-    def error(steps: float) -> float:
-        """The squared error less that without a fit [W²]."""
-        factors = np.exp(steps * step_hz * turned)
-        gram, moment = _normal((factors * one).sum(axis=1), (factors * power).sum(axis=1))
-        return -float(moment @ np.linalg.lstsq(gram, moment, rcond=None)[0])
-
-    # the error has a side lobe at each turn of the top harmonic over the log: bracket its minimum first
-    reach = _OVERSAMPLING // 8
-    coarse = min(range(-reach, reach + 1), key=error) if order > 1 else 0
-    low, high = (coarse - 1.5, coarse + 1.5) if order > 1 else (-2.0 * reach, 2.0 * reach)
-    found = optimize.minimize_scalar(error, bounds=(low, high), method="bounded", options={"xatol": 1e-7})
-    return frequency_hz + float(found.x) * step_hz
-
-
-def design_matrix(times_s: FloatArray, frequency_hz: float, order: int) -> FloatArray:
-    """Columns of harmonic least squares: 1, cos, sin, cos 2, sin 2, …, so that lower orders lead.
-
-    Parameters
-    ----------
-    times_s : array, shape (n,)
-        Times [s].
-    frequency_hz : float
-        1/T [Hz].
-    order : int
-        Number of harmonics r, 0 or more.
-
-    Returns
-    -------
-    array, shape (n, 2r + 1)
-    """
-    turn = np.exp(2j * np.pi * frequency_hz * times_s)
-    columns = np.ones((2 * order + 1, len(times_s)))
-    power = turn
-    for harmonic in range(1, order + 1):
-        columns[2 * harmonic - 1], columns[2 * harmonic] = power.real, power.imag
-        power = power * turn
-    return columns.T
-
-
-def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray, float]:
-    """Coefficients [W] and the squared error that remains [W²]."""
-    columns = design_matrix(samples.times_s, frequency_hz, order)
-    # least squares of the normal equations: samples in bursts may leave a harmonic undetermined
-    solution, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ samples.power_w, rcond=None)
-    fitted = np.asarray(solution, dtype=np.float64)
-    residual = samples.power_w - columns @ fitted
-    return fitted, float(residual @ residual)
 
 
 # ---- 4: significance and standard deviation of the period --------------------------------------------------------
@@ -773,7 +555,7 @@ class _Evidence(NamedTuple):
     noise: NoiseModel  # with the period
 
 
-def _bins(samples: _Samples, period_s: float, order: int) -> TimeBins:
+def _bins(samples: PowerSamples, period_s: float, order: int) -> TimeBins:
     """At most 220 bins, 20 to a period and 3 to a harmonic: of a longer log, the middle."""
     per_period = max(_TEST_BINS_PER_PERIOD, 3 * order)
     width_s = max(samples.step_s, period_s / per_period)
@@ -809,18 +591,18 @@ class _ColouredResult(NamedTuple):
     chance: float | None
 
 
-def _coloured(
-    bins: TimeBins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool
-) -> _ColouredResult:
-    """Maximum-likelihood frequency over the range, the noise fitted with it.
+def _coloured(bins: TimeBins, found: _Found, *, judge: bool) -> _ColouredResult:
+    """Maximum-likelihood frequency over the range of what least squares found, the noise fitted with it.
 
     Surrogates, drawn from the maximum-likelihood noise without a period, go through the same search. Bins limit it to
     longer periods than the range asked for, so the p-value is raised by the ratio of the ranges.
     """
+    frequency_hz, (shortest_s, longest_s) = found.frequency_hz, found.range_s
+    low_hz, high_hz = 1 / longest_s, 1 / shortest_s
     step_hz = 1 / (_COLOURED_OVERSAMPLING * bins.covered_s)
     low, high = max(low_hz, MIN_PERIODS / bins.covered_s), min(high_hz, 1 / (_COLOURED_BINS * bins.width_s))
     grid = np.append(np.arange(low, max(high, low + step_hz / 2), step_hz), frequency_hz)
-    max_order = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
+    max_order = max(1, min(max(_SCAN_ORDER, found.order), (len(bins.times_s) - 3) // 4))
     designs = np.stack([design_matrix(bins.times_s, f, max_order) for f in grid])
     penalty = _HARMONIC_PENALTY * np.arange(1, max_order + 1)[:, np.newaxis]
     powers = bins.power_w[:, np.newaxis]
@@ -875,41 +657,40 @@ def vertex(density: FloatArray, at: int) -> float:
     return 0.5 * (before - after) / bend if bend < 0 else 0.0
 
 
-def _inflation(frequency_hz: float, fitted: FloatArray, noise: float, evidence: _Evidence) -> float:
-    """Variance inflation of the least-squares period in the fitted noise over white noise, 1 or more."""
+class _WhiteFit(NamedTuple):
+    """Least squares at a period: the squared error [W²], the period's standard deviation in white noise [s].
+
+    `inflation` is the variance of the period in the fitted noise over that in white noise, 1 or more.
+    """
+
+    error: float
+    std_s: float
+    inflation: float
+
+
+def _white_fit(samples: PowerSamples, frequency_hz: float, order: int, evidence: _Evidence) -> _WhiteFit:
+    """Least squares at a period, beside the noise of the evidence."""
+    fitted, error = harmonic_fit(samples, frequency_hz, order)
+    noise = math.sqrt(error / max(1, len(samples.times_s) - 2 * order - 2))
+    # var T = σ² / Σ (∂y/∂T)², the derivative projected off the other columns
+    slope = slope_by_period(samples.times_s, frequency_hz, fitted)
+    square = float(slope @ slope)
+    std_s = noise / math.sqrt(square) if square > 0 else 0.0
     bins = evidence.bins
-    slope = _slope(bins.times_s, frequency_hz, fitted)
+    slope = slope_by_period(bins.times_s, frequency_hz, fitted)
     correlated = evidence.noise.variance * float(slope @ evidence.noise.correlation @ slope)
     # the same noise as the bins have it, if the samples in them were independent
     independent = noise**2 / bins.samples_per_bin * float(slope @ slope)
-    return max(1.0, correlated / independent) if independent > 0 else 1.0
-
-
-def _white_std_s(samples: _Samples, frequency_hz: float, fitted: FloatArray, noise: float) -> float:
-    """Standard deviation of the period in white noise [s]."""
-    slope = _slope(samples.times_s, frequency_hz, fitted)
-    # var T = σ² / Σ (∂y/∂T)², the derivative projected off the other columns
-    square = float(slope @ slope)
-    return noise / math.sqrt(square) if square > 0 else 0.0
-
-
-def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> FloatArray:
-    """Derivative of the fit by the period, orthogonal to the fit's columns [W/s]."""
-    order = len(fitted) // 2
-    columns = design_matrix(times_s, frequency_hz, order)
-    harmonic = np.arange(1, order + 1)
-    # ∂/∂T [α cos(2πjt/T) + β sin(2πjt/T)] = (2πjt/T²) (α sin − β cos)
-    turning = columns[:, 2::2] @ (harmonic * fitted[1::2]) - columns[:, 1::2] @ (harmonic * fitted[2::2])
-    slope = 2 * np.pi * frequency_hz**2 * times_s * turning
-    followed, *_ = np.linalg.lstsq(columns, slope, rcond=None)
-    return slope - columns @ followed
+    return _WhiteFit(error, std_s, max(1.0, correlated / independent) if independent > 0 else 1.0)
 
 
 # ---- results -----------------------------------------------------------------------------------------------------
 
 
-def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float, range_s: tuple[float, float]) -> Spectrum:
-    fitted, error = _fit(samples, found.frequency_hz, order)
+def _periodic(
+    samples: PowerSamples, found: _Found, order: int, mean_w: float, range_s: tuple[float, float]
+) -> Spectrum:
+    fitted, error = harmonic_fit(samples, found.frequency_hz, order)
     cosine, sine = fitted[1::2], fitted[2::2]
     mean_std_w, amplitude_std_w = _coefficient_std_w(samples, found, fitted)
     return Spectrum(
@@ -921,7 +702,7 @@ def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float, range
         amplitude_std_w=amplitude_std_w,
         phase_rad=np.arctan2(-sine, cosine),
         noise_std_w=math.sqrt(error / (len(samples.times_s) - 2 * order - 2)),
-        cv_r2=_cv_r2(samples, found.frequency_hz, order),
+        cv_r2=explained_r2(samples, found.frequency_hz, order),
         chance=found.chance,
         samples=len(samples.times_s),
         span_s=samples.span_s,
@@ -929,7 +710,7 @@ def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float, range
     )
 
 
-def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> tuple[float, FloatArray]:
+def _coefficient_std_w(samples: PowerSamples, found: _Found, fitted: FloatArray) -> tuple[float, FloatArray]:
     """Standard deviations of the mean and of the amplitudes in the fitted noise [W]."""
     covariance = _covariance(samples, found, len(fitted) // 2)
     amplitude = np.maximum(np.hypot(fitted[1::2], fitted[2::2]), 1e-300)
@@ -940,7 +721,7 @@ def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> 
     return math.sqrt(max(0.0, float(covariance[0, 0]))), np.sqrt(np.maximum(variance, 0.0))
 
 
-def _covariance(samples: _Samples, found: _Found, order: int) -> FloatArray:
+def _covariance(samples: PowerSamples, found: _Found, order: int) -> FloatArray:
     """Covariance of the coefficients in the fitted noise [W²]."""
     assert found.evidence is not None
     bins = found.evidence.bins
@@ -951,32 +732,27 @@ def _covariance(samples: _Samples, found: _Found, order: int) -> FloatArray:
 
 
 def _aperiodic(
-    samples: _Samples,
-    mean_w: float,
-    std_w: float,
-    cv_r2: float,
-    range_s: tuple[float, float],
-    frequency_hz: float = math.nan,
-    chance: float = 1.0,
+    samples: PowerSamples, mean_w: float, std_w: float, range_s: tuple[float, float], found: _Found | None
 ) -> Spectrum:
+    """The result without a period; `found` is the best candidate, None of a constant power."""
     return Spectrum(
-        period_s=1 / frequency_hz,
+        period_s=math.nan if found is None else 1 / found.frequency_hz,
         period_std_s=math.nan,
         mean_w=mean_w,
-        mean_std_w=_mean_std_w(samples) if math.isfinite(frequency_hz) else 0.0,
+        mean_std_w=0.0 if found is None else _mean_std_w(samples),
         amplitude_w=np.empty(0),
         amplitude_std_w=np.empty(0),
         phase_rad=np.empty(0),
         noise_std_w=std_w,
-        cv_r2=cv_r2,
-        chance=chance,
+        cv_r2=0.0 if found is None else found.cv_r2,
+        chance=1.0 if found is None else found.chance,
         samples=len(samples.times_s),
         span_s=samples.span_s,
         range_s=range_s,
     )
 
 
-def _mean_std_w(samples: _Samples) -> float:
+def _mean_std_w(samples: PowerSamples) -> float:
     """Standard deviation of the mean of the samples, in noise of any colour [W]."""
     bins = binned(samples.times_s, samples.power_w, samples.span_s / _MEAN_BINS, samples.span_s)
     return math.sqrt(float(bins.coefficient_covariance(np.ones((len(bins.times_s), 1)))[0, 0]))
@@ -1007,10 +783,10 @@ def periodogram(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int 
     if len(times) > _PICTURE_BINS:
         bins = binned(times, power, width_s, times[-1] - times[0])
         times, power = bins.times_s, bins.power_w
-    samples = _Samples(times - times[0], power - power.mean())
+    samples = PowerSamples(times - times[0], power - power.mean())
     shortest_s, longest_s = _range_s(samples, None)
     if np.ptp(power) <= 1e-9 * np.max(np.abs(power)):
         return np.geomspace(shortest_s, longest_s, points), np.zeros(points)
     period = np.geomspace(max(shortest_s, 8 * samples.step_s), longest_s, points)
-    orders = [_max_order(samples, one, order) for one in period.tolist()]
-    return period, np.array([_cv_r2(samples, 1 / t, r) for t, r in zip(period.tolist(), orders, strict=True)])
+    orders = [top_order(samples, one, order) for one in period.tolist()]
+    return period, np.array([explained_r2(samples, 1 / t, r) for t, r in zip(period.tolist(), orders, strict=True)])

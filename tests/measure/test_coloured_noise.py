@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import solve
 from scipy.stats import multivariate_normal
 
+from eadp.measure.harmonics import design_matrix
 from eadp.measure.noise import _COLOURED_PARTS, TimeBins, binned, tail
-from eadp.measure.spectrum import design_matrix
 
 N = 60
 

@@ -20,6 +20,7 @@ from eadp.measure.measuring import (
     MIN_SAMPLES,
     Launch,
     MeasurementSettings,
+    Sensor,
     check_command,
     fill_placeholders,
     launched,
@@ -27,7 +28,6 @@ from eadp.measure.measuring import (
     measure,
     measurements_csv,
 )
-from eadp.measure.power_sensor import Sensor
 
 IDLE_W, WARM_UP_W = 1.5, 50.0
 

@@ -17,8 +17,8 @@ from scipy.signal import lfilter
 
 from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
-from eadp.measure import spectrum
-from eadp.measure.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_SAMPLES, Spectrum, _Samples, analyse, periodogram
+from eadp.measure.harmonics import PowerSamples, harmonic_fit, nearest_minimum
+from eadp.measure.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_SAMPLES, Spectrum, analyse, periodogram
 
 NoiseModel = Callable[[np.random.Generator, int], FloatArray]
 Terms = tuple[tuple[float, float], ...]
@@ -200,10 +200,10 @@ def test_a_search_by_stretches_of_a_long_log_is_one_by_all_samples(order: int) -
     rng = np.random.default_rng(order)
     times = np.sort(rng.uniform(0.0, 9000.0, 20_000))
     angle = 2 * np.pi * times[:, np.newaxis] / 7.3 * np.arange(1, order + 1)
-    log = _Samples(times - times[0], np.cos(angle).sum(axis=1) + rng.normal(size=len(times)))
-    found = spectrum._minimise(log, 1 / 7.3 + 0.05 / log.span_s, order)
+    log = PowerSamples(times - times[0], np.cos(angle).sum(axis=1) + rng.normal(size=len(times)))
+    found = nearest_minimum(log, 1 / 7.3 + 0.05 / log.span_s, order)
     steps = np.linspace(-1.0, 1.0, 41) * 1e-3 / log.span_s
-    errors = [spectrum._fit(log, found + step, order)[1] for step in steps]
+    errors = [harmonic_fit(log, found + step, order)[1] for step in steps]
     bend, slope, _ = np.polyfit(steps * log.span_s, errors, 2)
     # the vertex of the error of all samples, beside the standard deviation that its bend has
     assert abs(slope / (2 * bend)) < 0.01 / math.sqrt(bend)
