@@ -44,11 +44,11 @@ from eadp.measure.harmonics import (
     held_out,
     held_out_by_order,
     held_out_errors,
-    top_order,
     nearest_minimum,
     no_worse,
     refined,
     slope_by_period,
+    top_order,
 )
 from eadp.measure.noise import LikelihoodScan, NoiseModel, TimeBins, binned, tail
 

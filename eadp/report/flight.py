@@ -103,33 +103,19 @@ def write_page(flight: Flight, folder: Path) -> None:
 
 def flight_data(flight: FlownFlight) -> dict[str, Any]:
     """The data of a flight's page."""
-    world, summary = flight.world, flight.summary
-    plan, columns, rows = world.mission.plan, flight.columns, account(summary, flight.scenario, world.mission.plan)
-    times = columns["time_s"]
-    parameters = [
-        {
-            "name": parameter.label,
-            "title": parameter.kind,
-            "unit": parameter.unit,
-            "low": parameter.shown(plan.hull(i).lo),
-            "high": parameter.shown(plan.hull(i).hi),
-            **changes(times, [*map(parameter.shown, columns[parameter.name])]),
-        }
-        for i, parameter in enumerate(plan.parameters)
-    ]
-    values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())
-    logged = zip(times, map(int, columns["stage"]), columns["x_m"], columns["y_m"], values, strict=False)
-    flown = PlanReplay(
-        PlanCursor.start(plan, world.mission.parameters, world.mission.rules), world.start.position_m, logged
-    )
+    world, summary, columns = flight.world, flight.summary, flight.columns
+    plan = world.mission.plan
+    rows, times = account(summary, flight.scenario, plan), columns["time_s"]
+    flown = _replayed(world, columns)
+    has_battery = not world.mission.battery.prescribed
     return {
         "title": plan.name.rpartition("/")[2],
         "words": [text for label, text in rows if not label],
         "completed": summary["completed"],
         "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},
-        "reserve": None if world.mission.battery.prescribed else summary["soc_reserve"],
-        "reserve_kept": None if world.mission.battery.prescribed else summary["reserve_kept"],
-        "parameters": parameters,
+        "reserve": summary["soc_reserve"] if has_battery else None,
+        "reserve_kept": summary["reserve_kept"] if has_battery else None,
+        "parameters": _parameters(plan, columns),
         "stage": changes(times, [*map(int, columns["stage"])]),
         "lap": changes(times, flown.laps),
         **_series(columns),
@@ -152,6 +138,32 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         ),
         "facts": [row for row in rows if row[0]],
     }
+
+
+def _parameters(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[dict[str, Any]]:
+    """The parameters as they are shown: names, sets, and values over time."""
+    return [
+        {
+            "name": parameter.label,
+            "title": parameter.kind,
+            "unit": parameter.unit,
+            "low": parameter.shown(plan.hull(i).lo),
+            "high": parameter.shown(plan.hull(i).hi),
+            **changes(columns["time_s"], [*map(parameter.shown, columns[parameter.name])]),
+        }
+        for i, parameter in enumerate(plan.parameters)
+    ]
+
+
+def _replayed(world: World, columns: Mapping[str, Sequence[float]]) -> PlanReplay:
+    """The plan as it was flown: its laps and turns by the logged stages, positions and parameters."""
+    mission = world.mission
+    names = mission.plan.names
+    values = zip(*(columns[name] for name in names), strict=True) if names else itertools.repeat(())
+    stages = map(int, columns["stage"])
+    logged = zip(columns["time_s"], stages, columns["x_m"], columns["y_m"], values, strict=False)
+    start = PlanCursor.start(mission.plan, mission.parameters, mission.rules)
+    return PlanReplay(start, world.start.position_m, logged)
 
 
 def _wind_rows(wind: Wind) -> list[list[float]]:

@@ -95,7 +95,7 @@ def command(
     --require asks for; 2 on bad input.
     """
     _check_options(options, output)
-    out, require = options.out, output.require
+    out = options.out
     if out is not None and not options.dry_run:
         plug_in("page", "check")(plug_in("page", "place")(out))
     if output.junit is not None:
@@ -112,29 +112,39 @@ def command(
         if out is not None:
             write_page(out, options.keep)
         flights = sweep.flights(results.rows())
-        made, own = sum(flight.error is None for flight in flights), len(distinct(flights))
-        if own < made:
-            few = f"{made} flights are {own} distinct ones"
-            sys.stderr.write(f"sweep: warning: {few}: seeds change nothing where wind and sensors have no noise\n")
-        if output.junit is not None:
-            write_text(output.junit, junit_of(sweep, flights, require or "completed"))
+    _warn_of_repeats(flights)
+    if output.junit is not None:
+        write_text(output.junit, junit_of(sweep, flights, output.require or "completed"))
+    short = [each for each in flights if output.require is not None and not meets(each, output.require)]
     if output.format == "csv":
         print_csv(sweep, flights)
-    elif output.format == "text":
+    else:
         print_answer(flights, out)
-    short = [] if require is None else [flight for flight in flights if not meets(flight, require)]
-    if output.format == "text":
-        if require is not None:
-            met = f"NO, not in {len(short)} of" if short else "yes, in all"
-            emit(f"required   {require}: {met} {len(flights)} runs")
-        if output.junit is not None:
-            emit(f"written    {printable(output.junit)}")
+        _print_required(flights, short, output)
     if short:
-        sys.stderr.write(f"eadp: {len(short)} of {len(flights)} runs are not what --require {require} asks for\n")
+        asked = f"what --require {output.require} asks for"
+        sys.stderr.write(f"eadp: {len(short)} of {len(flights)} runs are not {asked}\n")
     failures = _solver_text(flights)
     alarm(failures)
     failed = output.strict_solver and failures is not None
     return int(bool(short) or failed or any(flight.error is not None for flight in flights))
+
+
+def _warn_of_repeats(flights: Sequence[SweepFlight]) -> None:
+    """Say where runs are of one flight."""
+    made, own = sum(flight.error is None for flight in flights), len(distinct(flights))
+    if own < made:
+        few = f"{made} flights are {own} distinct ones"
+        sys.stderr.write(f"sweep: warning: {few}: seeds change nothing where wind and sensors have no noise\n")
+
+
+def _print_required(flights: Sequence[SweepFlight], short: Sequence[SweepFlight], output: SweepOutputs) -> None:
+    """What the runs are required to be, of which `short` are not, and the report of it."""
+    if output.require is not None:
+        met = f"NO, not in {len(short)} of" if short else "yes, in all"
+        emit(f"required   {output.require}: {met} {len(flights)} runs")
+    if output.junit is not None:
+        emit(f"written    {printable(output.junit)}")
 
 
 def _solver_text(flights: Sequence[SweepFlight]) -> str | None:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from eadp.api.given import PageSource
 from eadp.errors import printable
@@ -53,19 +53,11 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
     """
     with closing(Results(path, read_only=True)) as results:
         completed, reasons, errors = map(results.counts, ("completed", "reason", "error"))
-        kept = [
-            (row["key"], {**row["files"], **row["overrides"], "seed": row["seed"]}, row)
-            for row in results.everything(MAX_RUNS)
-        ]
-    first = kept[0][1] if kept else {}
-    varied = {name for _, values, _ in kept for name in {**first, **values} if first.get(name) != values.get(name)}
-    names = sorted(varied, key=lambda name: (name == "seed", name))
+        kept = [_KeptRun.of(row) for row in results.everything(MAX_RUNS)]
+    names = _varied(kept)
     while len(json.dumps(runs := _runs(kept, names, keep))) > MAX_BYTES:
         kept = kept[: len(kept) // 2]
-    flights = [
-        SweepFlight(index=i, values={name: values.get(name) for name in names}, seed=values["seed"], **_figures(row))
-        for i, (_, values, row) in enumerate(kept)
-    ]
+    flights = [each.flight(i, names) for i, each in enumerate(kept)]
     failed, count = sum(errors.values()), sum(errors.values()) + sum(reasons.values())
     own = {flight.index for flight in distinct(flights)}
     runs["distinct"] = [int(flight.index in own) for flight in flights]
@@ -102,21 +94,42 @@ def _is_database(path: Path) -> bool:
 PAGE = PageSource("sweep", _is_database, lambda path, page, keep: sweep_data(str(path), page, keep))
 
 
-def _figures(row: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: row[name] for name in (*COLUMNS, "error")}
+class _KeptRun(NamedTuple):
+    """A run of the page: its key, what it was made with, and its row in the results."""
+
+    key: str
+    values: Mapping[str, Any]
+    row: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> _KeptRun:
+        """That of a row."""
+        return cls(row["key"], {**row["files"], **row["overrides"], "seed": row["seed"]}, row)
+
+    def flight(self, index: int, names: Sequence[str]) -> SweepFlight:
+        """Its values of some names, and its figures."""
+        values, figures = {name: self.values.get(name) for name in names}, (*COLUMNS, "error")
+        own = {name: self.row[name] for name in figures}
+        return SweepFlight(index=index, values=values, seed=self.values["seed"], **own)
 
 
-def _runs(
-    kept: Sequence[tuple[str, Mapping[str, Any], Mapping[str, Any]]], names: Sequence[str], keep: str | None
-) -> dict[str, Any]:
+def _varied(kept: Sequence[_KeptRun]) -> list[str]:
+    """Names of what differs between runs, the seed last."""
+    first = kept[0].values if kept else {}
+    names = {name for each in kept for name in {**first, **each.values} if first.get(name) != each.values.get(name)}
+    return sorted(names, key=lambda name: (name == "seed", name))
+
+
+def _runs(kept: Sequence[_KeptRun], names: Sequence[str], keep: str | None) -> dict[str, Any]:
     """Runs by column; values that are not all numbers by their number in a list."""
-    rows = [row for *_, row in kept]
-    columns: dict[str, Any] = {name: _column([values.get(name) for _, values, _ in kept]) for name in names}
+    rows = [each.row for each in kept]
+    columns: dict[str, Any] = {name: _column([each.values.get(name) for each in kept]) for name in names}
     texts = {name: _column([row[name] for row in rows]) for name in ("reason", "error")}
     figures = {name: [significant(row[name]) for row in rows] for name in FIGURES}
     flown: dict[str, Any] = {"completed": [None if row["completed"] is None else int(row["completed"]) for row in rows]}
     if keep is not None:
-        flown["folder"] = [key if os.path.isfile(os.path.join(keep, key, "report.html")) else None for key, *_ in kept]
+        pages = [os.path.join(keep, each.key, "report.html") for each in kept]
+        flown["folder"] = [each.key if os.path.isfile(page) else None for each, page in zip(kept, pages, strict=True)]
     return {"values": columns, **texts, **figures, **flown}
 
 
