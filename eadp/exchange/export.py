@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -94,12 +94,14 @@ class ExportOptions:
     force: bool = False
     """Write a mission that is forecast to enter an obstacle or to leave its boundary."""
 
-    def check(self, to: str) -> None:
-        """Refuse values out of range, and options that do not go together, for a format; raises InputError."""
+    def check(self, to: str, out: File | None = None) -> None:
+        """Refuse values out of range, and options that do not go together, for a format and a file to write."""
         if self.telemetry is not None and (self.scenario is None or self.start is not None):
             raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
         if self.parameters is not None:
             self._check_parameters(self.parameters, to)
+            if out is not None and os.path.realpath(self.parameters) == os.path.realpath(out):
+                raise _fault("--parameters", self.parameters, "is the file of -o", "another file")
         for option, value in (("--trigger-distance", self.trigger_distance_m), ("--tolerance", self.tolerance_m)):
             if value is not None:
                 check_range(option, value, 0.01, 10_000, closed=True)
@@ -431,7 +433,7 @@ def export(
         with a probability above `RISK`.
     """
     options = options or ExportOptions()
-    options.check(to)
+    options.check(to, out)
     writer = writer_of(to)
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
@@ -452,5 +454,5 @@ def export(
     if FENCE_ENDING in beside:
         where = f"{out}{FENCE_ENDING}" if written else "a file beside that of -o FILE"
         message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
-        warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
+        warn([Fault(str(plan) if isinstance(plan, str | os.PathLike) else "plan", 1, 1, message, severity="note")])
     return text

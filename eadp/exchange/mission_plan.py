@@ -194,9 +194,8 @@ class MissionPlan:
     def _check_item(self, index: int, item: DraftItem) -> None:
         command, at = item.command, item.locations
         if command not in _MOVING | _CONTROLS:
-            hover = ": it hovers" if command == 93 else ""
             expected = "a command for fixed wings that eadp knows (docs/missions.md lists them)"
-            self._fault(at[0], item, f"the command {command_text(command)} cannot be flown{hover}", expected)
+            self._fault(at[0], item, f"the command {command_text(command)} cannot be flown", expected)
         elif command in _POSITIONED:
             self._check_position(index, item)
         for k, value in enumerate(item.parameters):

@@ -6,6 +6,7 @@ format of Mission Planner, ArduPilot and QGroundControl: a row for each item.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -22,7 +23,6 @@ from eadp.exchange.items import (
     LAND,
     LAND_START,
     LOITER_TO_ALTITUDE,
-    MAX_FENCE_M,
     NO_MISSION,
     NO_POSITION,
     RALLY_LEFT_OUT,
@@ -35,6 +35,8 @@ from eadp.exchange.items import (
     MissionDraft,
     MissionItem,
     command_text,
+    place_fault,
+    radius_fault,
 )
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.csv import Row, number_fault, read_rows
@@ -188,8 +190,8 @@ def _polygon(fence: _Value) -> Fence:
 def _circle(fence: _Value) -> Fence:
     circle, inclusion = fence.member("circle").is_(JsonObject), fence.member("inclusion").value is True
     radius = circle.member("radius").is_(float)
-    if not 0 < radius.value <= MAX_FENCE_M:
-        raise radius.error(f"{radius.value:g} m", f"metres, above 0, at most {MAX_FENCE_M:g}")
+    if fault := radius_fault(radius.value):
+        raise radius.error(*fault)
     return Fence.circle(inclusion, _corner(circle.member("center")), radius.value, fence.location)
 
 
@@ -197,10 +199,10 @@ def _corner(place: _Value) -> tuple[float, float]:
     values = place.is_(JsonList).value
     if len(values) < 2 or any(type(each) not in (int, float) for each in values):
         raise place.error("no position", "[latitude, longitude]")
-    latitude, longitude = float(values[0]), float(values[1])
-    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
-        raise place.error(f"{latitude:g}, {longitude:g}", "a latitude and a longitude [°]")
-    return latitude, longitude
+    corner = float(values[0]), float(values[1])
+    if fault := place_fault(*corner):
+        raise place.error(*fault)
+    return corner
 
 
 def _read_item(item: _Value, draft: MissionDraft) -> None:
@@ -397,31 +399,34 @@ def _is_fence(item: DraftItem) -> bool:
 
 def _fences(source: Text, rows: Sequence[DraftItem]) -> list[Fence]:
     """The fences among rows; the first row of a polygon says how many its corners are."""
-    found: list[Fence] = []
-    left, corners_of = 0, 0
-    for item in rows:
-        command, size, corner, at = item.command, item.parameters[0], item.parameters[4:6], item.locations
-        if left and command != corners_of:
-            break
-        if command in POLYGONS:
-            if not left:
-                if not 3 <= size <= ITEMS_LIMIT or size != int(size):
-                    raise source.error(at[2], f"{size:g} corners", "3 or more, in the rows that follow")
-                left, corners_of = int(size), command
-                found.append(Fence(POLYGONS[command], [], at[6]))
-            found[-1].corners_deg.append((corner[0], corner[1]))
-            left -= 1
-        elif command in CIRCLES:
-            if not 0 < size <= MAX_FENCE_M:
-                raise source.error(at[2], f"a radius of {size:g} m", f"above 0, at most {MAX_FENCE_M:g}")
-            found.append(Fence.circle(CIRCLES[command], (corner[0], corner[1]), size, at[6]))
-        else:
-            continue
-        if not (abs(corner[0]) <= 90 and abs(corner[1]) <= 180):
-            raise source.error(at[6], f"{corner[0]:g}, {corner[1]:g}", "a latitude and a longitude [°]")
-    if left:
-        raise source.error(found[-1].location, f"a polygon without its last {left} corners", "as many as it states")
-    return found
+    fences: list[Fence] = []
+    left = iter(rows)
+    for item in left:
+        if item.command in CIRCLES:
+            radius_m = item.parameters[0]
+            if fault := radius_fault(radius_m):
+                raise source.error(item.locations[2], *fault)
+            fences.append(Fence.circle(CIRCLES[item.command], _place(source, item), radius_m, item.locations[6]))
+        elif item.command in POLYGONS:
+            count = item.parameters[0]
+            if not 3 <= count <= ITEMS_LIMIT or count != int(count):
+                raise source.error(item.locations[2], f"{count:g} corners", "3 or more, in the rows that follow")
+            corners = [item, *itertools.islice(left, int(count) - 1)]
+            whole = [each for each in corners if each.command == item.command]
+            if missing := int(count) - len(whole):
+                message = f"a polygon without its last {missing} corners"
+                raise source.error(item.locations[6], message, "as many as it states")
+            places = [_place(source, each) for each in whole]
+            fences.append(Fence(POLYGONS[item.command], places, item.locations[6]))
+    return fences
+
+
+def _place(source: Text, item: DraftItem) -> Point:
+    """Latitude and longitude of a row of a fence [°]."""
+    latitude, longitude = item.parameters[4:6]
+    if fault := place_fault(latitude, longitude):
+        raise source.error(item.locations[6], *fault)
+    return latitude, longitude
 
 
 def _rows(source: Text) -> list[DraftItem]:

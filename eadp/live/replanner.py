@@ -96,7 +96,7 @@ class ReplanLog:
         self._path = path
         self.warnings: list[Fault] = []
         self.items: Text | None = None
-        self._broken = False
+        self._broken, new = False, not os.path.lexists(path)
         self._sync_due_s = time.monotonic() + SYNC_EVERY_S
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
@@ -118,6 +118,7 @@ class ReplanLog:
         except BaseException:
             os.close(self._file)
             raise
+        self._unused = new  # of a file that is made here, whether it has no entry yet
 
     def entries(self, mission: Mission | None = None) -> Iterator[Sample | None]:
         """Samples of the log, and None for each decision; an incomplete last line is dropped with a warning.
@@ -156,10 +157,13 @@ class ReplanLog:
         self._write({"kind": MISSION, "items": items})
 
     def close(self) -> None:
-        """Sync and close the file."""
+        """Sync and close the file; a new one without an entry is removed."""
         with contextlib.suppress(OSError):  # a pipe cannot be synced
             os.fsync(self._file)
         os.close(self._file)
+        if self._unused:
+            with contextlib.suppress(OSError):
+                os.unlink(self._path)
 
     # --- reading
 
@@ -222,7 +226,7 @@ class ReplanLog:
     def _write(self, line: Mapping[str, Any]) -> None:
         if self._broken:
             return
-        data = _encoded(line)
+        data, self._unused = _encoded(line), False
         try:
             while data:
                 data = data[os.write(self._file, data) :]
