@@ -212,27 +212,15 @@ def _forecast(
 def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> PlannedPath:
     """What is written, with notes on what the format cannot hold."""
     plan, name, planned, airframe, _ = chosen
-
-    def note(message: str, severity: str = "note", option: str = name, expected: str = "") -> None:
-        warn([Fault(option, 1, 1, message, expected, severity=severity)])
-
+    known = options.scenario is not None  # the aircraft
     place, home_deg = _places(plan, name, options)
-    if options.altitude_m is not None and all(stage.altitude_m is not None for stage in plan.stages):
-        message = "the plan has altitudes of its own"
-        raise _fault(
-            "--altitude", f"{options.altitude_m:g}", message, "no --altitude, or a plan made for this altitude"
-        )
-    altitude_m, known = options.altitude_m, options.scenario is not None
-    if altitude_m is None:
-        altitude_m = airframe.cruise_altitude_m
-        if any(stage.altitude_m is None for stage in plan.stages):
-            whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
-            note(f"altitude {altitude_m:g} m, {whose}; --altitude sets another", "note" if known else "warning")
+    altitude_m = _altitude_m(chosen, options, warn)
     if any(plan.site.airspace) and to not in WITH_ITEMS:
-        note(f"obstacles and boundary are not in the format {to}")
+        message = f"obstacles and boundary are not in the format {to}"
+        warn([Fault(name, 1, 1, message, severity="note")])
     if plan.site.ground_m is not None and options.home_deg is not None:
         message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"
-        note(message, "warning", "--home", "a home as high")
+        warn([Fault("--home", 1, 1, message, "a home as high", severity="warning")])
     sections = planned_sections(planned.legs)
     ends_m = [point for section in sections for point in (section.start_m, section.end_m)]
     far_m = max((math.hypot(*end_m) for end_m in ends_m), default=0.0)
@@ -256,6 +244,22 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         calibrated=calibrated_over_true(plan.site, airframe),
         height_m=plan.site.above_sea_m or 0.0,
     )
+
+
+def _altitude_m(chosen: _Chosen, options: ExportOptions, warn: Warn) -> float:
+    """The altitude of stages without their own [m]: the one stated, else the aircraft's, which is said."""
+    of_stages, known = [stage.altitude_m for stage in chosen.plan.stages], options.scenario is not None
+    if options.altitude_m is not None:
+        if None not in of_stages:
+            expected = "no --altitude, or a plan made for this altitude"
+            raise _fault("--altitude", f"{options.altitude_m:g}", "the plan has altitudes of its own", expected)
+        return options.altitude_m
+    altitude_m = chosen.airframe.cruise_altitude_m
+    if None in of_stages:
+        whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
+        message = f"altitude {altitude_m:g} m, {whose}; --altitude sets another"
+        warn([Fault(chosen.name, 1, 1, message, severity="note" if known else "warning")])
+    return altitude_m
 
 
 def autopilot_of(to: str, options: ExportOptions) -> Autopilot:

@@ -239,8 +239,6 @@ def _read_simple(item: _Value, draft: MissionDraft) -> None:
     if len(draft.items) >= ITEMS_LIMIT:
         raise item.error(f"more than {ITEMS_LIMIT} items", "as many or fewer")
     parameters = item.member("params").elements()
-    if len(parameters) == 4 and item.member("coordinate").value is not None:  # of earlier versions of QGroundControl
-        parameters += item.member("coordinate").elements()
     if len(parameters) != 7:
         raise item.member("params").error(f"{len(parameters)} parameters", "7")
     values = tuple(math.nan if each.value is None else float(each.is_(float).value) for each in parameters)
@@ -283,6 +281,39 @@ def _rounded(values: Sequence[float]) -> list[float | None]:
     return [round(value, 9) for value in values]
 
 
+def _simple_item(number: int, item: MissionItem) -> dict[str, Any]:
+    """An item of a plan, by its number."""
+    simple = {
+        "autoContinue": True,
+        "command": item.command,
+        "doJumpId": number,
+        "frame": item.frame,
+        "params": _rounded(item.parameters),
+        "type": "SimpleItem",
+    }
+    if item.frame != RELATIVE:
+        return simple
+    return simple | {"AMSLAltAboveTerrain": None, "Altitude": item.altitude_m, "AltitudeMode": ABOVE_HOME}
+
+
+def _landing_pattern(approach: MissionItem, land: MissionItem) -> dict[str, Any]:
+    """A landing as the complex item of a plan, from its approach, a waypoint or a circle."""
+    circle, radius_m = approach.command == LOITER_TO_ALTITUDE, approach.parameters[1]
+    return {
+        "type": "ComplexItem",
+        "complexItemType": "fwLandingPattern",
+        "version": 2,
+        "altitudesAreRelative": True,
+        "landingApproachCoordinate": _rounded(approach.parameters[4:]),
+        "landCoordinate": _rounded(land.parameters[4:]),
+        "useLoiterToAlt": circle,
+        "loiterRadius": abs(radius_m) if circle else 0.0,
+        "loiterClockwise": not circle or radius_m > 0,
+        "stopTakingPhotos": False,
+        "stopVideoPhotos": False,
+    }
+
+
 def qgc_text(
     items: Sequence[MissionItem],
     home_deg: Point,
@@ -298,34 +329,16 @@ def qgc_text(
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
     polygons = [
-        {
-            "inclusion": inclusion,
-            "polygon": [_rounded(corner) for corner in corners],
-            "version": 1,
-        }
-        for inclusion, corners, _ in fences
+        {"inclusion": fence.inclusion, "polygon": [_rounded(corner) for corner in fence.corners_deg], "version": 1}
+        for fence in fences
     ]
-    written: list[dict[str, Any]] = []
+    written = [_simple_item(number, item) for number, item in enumerate(items, 1)]
     ending = [item.command for item in items[-3:]]
-    lands = ending in ([LAND_START, WAYPOINT, LAND], [LAND_START, LOITER_TO_ALTITUDE, LAND])
-    pattern = lands and firmware == ARDUPILOT
-    for number, (command, frame, parameters, _) in enumerate(items[:-3] if pattern else items, 1):
-        item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
-        item |= {"params": _rounded(parameters), "type": "SimpleItem"}
-        if frame == RELATIVE:
-            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": ABOVE_HOME}
-        written.append(item)
-    if lands and not pattern and items[-2].command == WAYPOINT:
-        written[-2]["params"][3] = None
-    if pattern:
-        approach, land = (_rounded(item.parameters[4:]) for item in items[-2:])
-        circle, radius_m = items[-2].command == LOITER_TO_ALTITUDE, items[-2].parameters[1]
-        written.append(
-            {"type": "ComplexItem", "complexItemType": "fwLandingPattern", "version": 2, "altitudesAreRelative": True}
-            | {"landingApproachCoordinate": approach, "landCoordinate": land, "useLoiterToAlt": circle}
-            | {"loiterRadius": abs(radius_m) * circle, "loiterClockwise": not circle or radius_m > 0}
-            | {"stopTakingPhotos": False, "stopVideoPhotos": False}
-        )
+    if ending in ([LAND_START, WAYPOINT, LAND], [LAND_START, LOITER_TO_ALTITUDE, LAND]):
+        if firmware == ARDUPILOT:
+            written[-3:] = [_landing_pattern(*items[-2:])]
+        elif items[-2].command == WAYPOINT:
+            written[-2]["params"][3] = None
     mission = {
         "cruiseSpeed": airspeed_mps,
         "firmwareType": firmware,
