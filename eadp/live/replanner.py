@@ -429,7 +429,7 @@ class ValuesFile:
     parameters : sequence of Parameter
         The computations.
     warn : function
-        Called with a text where the file cannot be written.
+        Called with a fault where the file cannot be written.
 
     Raises
     ------
@@ -437,7 +437,7 @@ class ValuesFile:
         If the path is no regular file's.
     """
 
-    def __init__(self, path: str, parameters: tuple[Parameter, ...], warn: Callable[[str], None]) -> None:
+    def __init__(self, path: str, parameters: tuple[Parameter, ...], warn: Warn) -> None:
         output_file(path)
         self._path, self._parameters, self._warn = path, parameters, warn
         self._written: dict[str, Any] = {}
@@ -454,7 +454,7 @@ class ValuesFile:
         except InputError as error:  # tried again with the next decision
             if self._failed != str(error):
                 self._failed = str(error)
-                self._warn(error.faults[0].message)
+                self._warn(Fault(self._path, 1, 1, error.faults[0].message, severity="warning"))
 
 
 def _values(decision: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> dict[str, Any]:

@@ -201,7 +201,8 @@ class TelemetryReader:
             line = line.model_copy(update=dict.fromkeys(beyond))
         sample, more = (None, []) if line is None else self._sample(number, line, document)
         missing = [key for key in EXPECTED if key not in document and INSTEAD.get(key) not in document]
-        useless = sample is None or all(value is None for value in sample[1:5])
+        of_use = () if sample is None else (sample.position_m, sample.power_w, sample.soc, sample.stage)
+        useless = all(value is None for value in of_use)
         fresh = missing if useless else [key for key in missing if key not in self._missing]
         if fresh and not faults:  # of a line with other faults at the next one
             self._missing.update(fresh)
