@@ -301,11 +301,8 @@ def _table(plan: Plan) -> str:
                 what += f", from {low:.4g} to {high:.4g}"
         lines.append(f"{item.name:<10} {what}")
     for stage in plan.stages:
-        direction = "counter-clockwise" if stage.rotation_deg == 90 else "clockwise"
-        turn = f" {direction}" if stage.kind == "circle" else f" rotation {stage.rotation_deg}"
-        lines.append(
-            f"stage {stage.index:<4} {stage.kind}{turn}, gain {number_text(stage.gain)}: {stage.path.text} = 0"
-        )
+        track = f"{stage.kind} rotation {stage.rotation_deg}, gain {number_text(stage.gain)}"
+        lines.append(f"stage {stage.index:<4} {track}: {stage.path.text} = 0")
         own = "" if stage.radius_m is None else f", within {number_text(stage.radius_m)} m"
         lines.append(f"           until ({stage.trigger[0].text}, {stage.trigger[1].text}){own}")
         if stage.sets:

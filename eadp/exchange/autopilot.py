@@ -204,28 +204,30 @@ def check_landing(items: Sequence[MissionItem], autopilot: Autopilot) -> None:
         raise Infeasible("PX4 does not arm: it takes one DO_LAND_START (189), before a landing", "one of them, or none")
     limit_deg = autopilot.value(LANDING_ANGLE) or 0.0
     for before, land in itertools.pairwise(items):
-        if land.command != LAND or not before.placed:
-            continue
-        if before.command not in (WAYPOINT, LOITER_TO_ALTITUDE):
-            message = f"PX4 does not arm: its landing follows a command {before.command}"
-            raise Infeasible(message, "a waypoint (16) or a loiter to altitude (31) before it")
-        (latitude, longitude), (to_latitude, to_longitude) = before.parameters[4:6], land.parameters[4:6]
-        way_m, radius_m = math.hypot(*to_local_m(to_latitude, to_longitude, (latitude, longitude))), 0.0
-        if before.command == LOITER_TO_ALTITUDE:
-            radius_m = abs(before.parameters[1])
-            if way_m <= radius_m:
-                raise Infeasible("PX4 does not arm: it lands within the circle before", "a place outside of it")
-        down_m = before.altitude_m - land.altitude_m
-        if down_m <= 0:
-            raise Infeasible("PX4 does not arm: the approach begins no higher than the landing", "a higher approach")
-        # from a circle the approach leads along the tangent
-        steep_deg = math.degrees(math.atan2(down_m, math.sqrt(way_m**2 - radius_m**2)))
-        if steep_deg > limit_deg + ROUNDING_DEG:
-            message = f"PX4 does not arm: the final approach of {steep_deg:.1f}° is steeper than {LANDING_ANGLE}"
-            planned = "eadp cover --landing with autopilot: {kind: px4} in its scenario, which plans a flatter one"
-            least = f"{math.ceil(10 * steep_deg) / 10:g}"
-            where = f"{LANDING_ANGLE}: {least} in the autopilot and in the scenario's autopilot.parameters"
-            raise Infeasible(f"{message}, {limit_deg:g}°", f"{planned}; or {where}")
+        if land.command == LAND and before.placed:
+            _check_approach(before, land, limit_deg)
+
+
+def _check_approach(before: MissionItem, land: MissionItem, limit_deg: float) -> None:
+    """Raise Infeasible where PX4 refuses a landing after the item before it, or an approach steeper than a limit."""
+    if before.command not in (WAYPOINT, LOITER_TO_ALTITUDE):
+        message = f"PX4 does not arm: its landing follows a command {before.command}"
+        raise Infeasible(message, "a waypoint (16) or a loiter to altitude (31) before it")
+    way_m = math.hypot(*to_local_m(*land.position_deg, before.position_deg))
+    radius_m = abs(before.parameters[1]) if before.command == LOITER_TO_ALTITUDE else 0.0
+    if radius_m and way_m <= radius_m:
+        raise Infeasible("PX4 does not arm: it lands within the circle before", "a place outside of it")
+    down_m = before.altitude_m - land.altitude_m
+    if down_m <= 0:
+        raise Infeasible("PX4 does not arm: the approach begins no higher than the landing", "a higher approach")
+    # from a circle the approach leads along the tangent
+    steep_deg = math.degrees(math.atan2(down_m, math.sqrt(way_m**2 - radius_m**2)))
+    if steep_deg > limit_deg + ROUNDING_DEG:
+        message = f"PX4 does not arm: the final approach of {steep_deg:.1f}° is steeper than {LANDING_ANGLE}"
+        planned = "eadp cover --landing with autopilot: {kind: px4} in its scenario, which plans a flatter one"
+        least = f"{math.ceil(10 * steep_deg) / 10:g}"
+        where = f"{LANDING_ANGLE}: {least} in the autopilot and in the scenario's autopilot.parameters"
+        raise Infeasible(f"{message}, {limit_deg:g}°", f"{planned}; or {where}")
 
 
 def lacking_ends(items: Sequence[MissionItem], autopilot: Autopilot) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -94,12 +94,14 @@ class ExportOptions:
     force: bool = False
     """Write a mission that is forecast to enter an obstacle or to leave its boundary."""
 
-    def check(self, to: str) -> None:
-        """Refuse values out of range, and options that do not go together, for a format; raises InputError."""
+    def check(self, to: str, out: File | None = None) -> None:
+        """Refuse values out of range, and options that do not go together, for a format and a file to write."""
         if self.telemetry is not None and (self.scenario is None or self.start is not None):
             raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
         if self.parameters is not None:
             self._check_parameters(self.parameters, to)
+            if out is not None and os.path.realpath(self.parameters) == os.path.realpath(out):
+                raise _fault("--parameters", self.parameters, "is the file of -o", "another file")
         for option, value in (("--trigger-distance", self.trigger_distance_m), ("--tolerance", self.tolerance_m)):
             if value is not None:
                 check_range(option, value, 0.01, 10_000, closed=True)
@@ -210,27 +212,15 @@ def _forecast(
 def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> PlannedPath:
     """What is written, with notes on what the format cannot hold."""
     plan, name, planned, airframe, _ = chosen
-
-    def note(message: str, severity: str = "note", option: str = name, expected: str = "") -> None:
-        warn([Fault(option, 1, 1, message, expected, severity=severity)])
-
+    known = options.scenario is not None  # the aircraft
     place, home_deg = _places(plan, name, options)
-    if options.altitude_m is not None and all(stage.altitude_m is not None for stage in plan.stages):
-        message = "the plan has altitudes of its own"
-        raise _fault(
-            "--altitude", f"{options.altitude_m:g}", message, "no --altitude, or a plan made for this altitude"
-        )
-    altitude_m, known = options.altitude_m, options.scenario is not None
-    if altitude_m is None:
-        altitude_m = airframe.cruise_altitude_m
-        if any(stage.altitude_m is None for stage in plan.stages):
-            whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
-            note(f"altitude {altitude_m:g} m, {whose}; --altitude sets another", "note" if known else "warning")
+    altitude_m = _altitude_m(chosen, options, warn)
     if any(plan.site.airspace) and to not in WITH_ITEMS:
-        note(f"obstacles and boundary are not in the format {to}")
+        message = f"obstacles and boundary are not in the format {to}"
+        warn([Fault(name, 1, 1, message, severity="note")])
     if plan.site.ground_m is not None and options.home_deg is not None:
         message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"
-        note(message, "warning", "--home", "a home as high")
+        warn([Fault("--home", 1, 1, message, "a home as high", severity="warning")])
     sections = planned_sections(planned.legs)
     ends_m = [point for section in sections for point in (section.start_m, section.end_m)]
     far_m = max((math.hypot(*end_m) for end_m in ends_m), default=0.0)
@@ -254,6 +244,22 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         calibrated=calibrated_over_true(plan.site, airframe),
         height_m=plan.site.above_sea_m or 0.0,
     )
+
+
+def _altitude_m(chosen: _Chosen, options: ExportOptions, warn: Warn) -> float:
+    """The altitude of stages without their own [m]: the one stated, else the aircraft's, which is said."""
+    of_stages, known = [stage.altitude_m for stage in chosen.plan.stages], options.scenario is not None
+    if options.altitude_m is not None:
+        if None not in of_stages:
+            expected = "no --altitude, or a plan made for this altitude"
+            raise _fault("--altitude", f"{options.altitude_m:g}", "the plan has altitudes of its own", expected)
+        return options.altitude_m
+    altitude_m = chosen.airframe.cruise_altitude_m
+    if None in of_stages:
+        whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
+        message = f"altitude {altitude_m:g} m, {whose}; --altitude sets another"
+        warn([Fault(chosen.name, 1, 1, message, severity="note" if known else "warning")])
+    return altitude_m
 
 
 def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
@@ -431,7 +437,7 @@ def export(
         with a probability above `RISK`.
     """
     options = options or ExportOptions()
-    options.check(to)
+    options.check(to, out)
     writer = writer_of(to)
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
@@ -452,5 +458,5 @@ def export(
     if FENCE_ENDING in beside:
         where = f"{out}{FENCE_ENDING}" if written else "a file beside that of -o FILE"
         message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
-        warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
+        warn([Fault(str(plan) if isinstance(plan, str | os.PathLike) else "plan", 1, 1, message, severity="note")])
     return text

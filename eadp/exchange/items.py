@@ -120,6 +120,20 @@ FOR_FENCE = "a mission; a fence belongs to --inside or --avoid of eadp plan, or 
 RALLY_LEFT_OUT = "places to rally are left out: an autopilot that has some returns there instead of home"
 
 
+def place_fault(latitude: float, longitude: float) -> tuple[str, str] | None:
+    """What is wrong with a place of a fence, and what is expected; None where nothing is."""
+    if abs(latitude) <= 90 and abs(longitude) <= 180:
+        return None
+    return f"{latitude:g}, {longitude:g}", "a latitude and a longitude [°]"
+
+
+def radius_fault(radius_m: float) -> tuple[str, str] | None:
+    """As `place_fault`, of the radius of a round fence."""
+    if 0 < radius_m <= MAX_FENCE_M:
+        return None
+    return f"a radius of {radius_m:g} m", f"above 0, at most {MAX_FENCE_M:g}"
+
+
 class Fence(NamedTuple):
     """An area that an autopilot keeps in, or out of: its corners as latitude and longitude [°]."""
 
@@ -129,7 +143,7 @@ class Fence(NamedTuple):
 
     @classmethod
     def circle(cls, inclusion: bool, centre_deg: tuple[float, float], radius_m: float, location: Location) -> Fence:
-        """A circle as a polygon that lies around what is to be left out, and within what is to be kept in."""
+        """A circle, of a valid radius, as a polygon around what is to be left out, or within what is to be kept in."""
         if not inclusion:
             radius_m /= math.cos(math.pi / CIRCLE_CORNERS)
         angles = [2 * math.pi * i / CIRCLE_CORNERS for i in range(CIRCLE_CORNERS)]

@@ -6,14 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import Expression, constant
+from eadp.core.expressions.tree import constant
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Piece
 from eadp.core.geometry.geodesy import FARTHEST_M, apart_m, to_local_m, to_near_local_m
 from eadp.core.guidance import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, Unreachable, refuse
@@ -34,8 +35,6 @@ SETTLING_S = 8.0
 """Time that an aircraft takes to hold an altitude once its climb ends [s]."""
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
-FAR_HOME_M = 20_000.0
-"""Distance of the first waypoint from home beyond which home may be another place [m]."""
 SAME_POINT_DEG = 1e-9
 
 _POSITIONED = frozenset((
@@ -135,6 +134,37 @@ def _without_place(item: DraftItem) -> tuple[float, ...]:
     return (*_command(item)[:5], 0.0, 0.0, 0.0)
 
 
+def _commands_by_piece(visits: Sequence[_Visit], path: WaypointPath) -> list[list[tuple[float, ...]]]:
+    """What is commanded on each piece of a path: on the way to its target, and to those before that take no way.
+
+    On the last piece also what is commanded before last targets that take none.
+    """
+    found: list[list[tuple[float, ...]]] = []
+    done = 0  # targets whose commands are given
+    for target, piece in path.pieces:
+        visit = visits[target]
+        commands = [each for earlier in visits[done : target + 1] for each in earlier.commands]
+        done = max(done, target + 1)
+        circles = piece.centre_m is not None and math.dist(piece.centre_m, visit.target.centre_m) < ON_CIRCLE_M
+        if visit.item.command == d.LOITER_TO_ALTITUDE and circles:
+            commands.append(LOITER)
+        found.append(commands)
+    found[-1] += [each for visit in visits[done:] for each in visit.commands]
+    return found
+
+
+def _end_of(piece: Piece, before: Point | None) -> Point:
+    """Where a piece ends [m], after one that ends at `before`, if there is one.
+
+    A whole turn ends where it begins, which a way that is too short to be a piece may be away from.
+    """
+    if before is None or piece.centre_m is None or piece.start != piece.end:
+        return piece.end[:2]
+    cx, cy = piece.centre_m
+    bearing = math.atan2(before[1] - cy, before[0] - cx)
+    return cx + piece.radius_m * math.cos(bearing), cy + piece.radius_m * math.sin(bearing)
+
+
 @dataclass
 class MissionPlan:
     """The plan of a draft, for an aircraft with the turns and speeds of a reader; faults and findings by the way."""
@@ -194,11 +224,12 @@ class MissionPlan:
     def _check_item(self, index: int, item: DraftItem) -> None:
         command, at = item.command, item.locations
         if command not in _MOVING | _CONTROLS:
-            hover = ": it hovers" if command == 93 else ""
             expected = "a command for fixed wings that eadp knows (docs/missions.md lists them)"
-            self._fault(at[0], item, f"the command {command_text(command)} cannot be flown{hover}", expected)
+            self._fault(at[0], item, f"the command {command_text(command)} cannot be flown", expected)
         elif command in _POSITIONED:
-            self._check_position(index, item)
+            if item.frame not in d.GLOBAL_FRAMES:
+                self._fault(at[1], item, f"the frame {item.frame}", f"one of {', '.join(map(str, d.GLOBAL_FRAMES))}")
+            self.points[index] = self._point_of(item)
         for k, value in enumerate(item.parameters):
             if not abs(value) <= 1e9 and not math.isnan(value):
                 self._fault(at[k + 2], item, f"a parameter of {value:g}", "a number of at most 1e9")
@@ -211,32 +242,31 @@ class MissionPlan:
             expected = "one above 0, -1 for no change, or -2 for the default airspeed"
             self._fault(at[3], item, f"a speed of {p2:g} m/s", expected)
 
-    def _check_position(self, index: int, item: DraftItem) -> None:
+    def _point_of(self, item: DraftItem) -> Point | None:
+        """Where an item lies [m]; None where the aircraft is, or with a fault."""
         (latitude, longitude, altitude), at = item.parameters[4:], item.locations
-        self.points[index] = None
-        if item.frame not in d.GLOBAL_FRAMES:
-            self._fault(at[1], item, f"the frame {item.frame}", f"one of {', '.join(map(str, d.GLOBAL_FRAMES))}")
         if math.isnan(latitude) or math.isnan(longitude):
             if item.command not in _HERE_IF_NULL:
                 self._fault(at[6], item, "no coordinates", "a latitude and a longitude")
-            return
+            return None
         if abs(altitude) > d.HIGHEST_M:
             self._fault(at[8], item, f"an altitude of {altitude:.10g} m", f"at most {d.HIGHEST_M:g} m")
         if 180 < abs(longitude) <= 360:  # counted on across the antimeridian
             longitude = math.remainder(longitude, 360.0)
-        if abs(latitude) > 90 or abs(longitude) > 180:
-            which = (6, "latitude", latitude, 90) if abs(latitude) > 90 else (7, "longitude", longitude, 180)
-            self._fault(at[which[0]], item, f"a {which[1]} of {which[2]:.10g}", f"degrees within ±{which[3]}")
-            return
+        if abs(latitude) > 90:
+            self._fault(at[6], item, f"a latitude of {latitude:.10g}", "degrees within ±90")
+            return None
+        if abs(longitude) > 180:
+            self._fault(at[7], item, f"a longitude of {longitude:.10g}", "degrees within ±180")
+            return None
         if max(abs(latitude), abs(longitude)) < SAME_POINT_DEG:
-            return
-        home = self.draft.home[:2]
-        point = to_near_local_m(latitude, longitude, (home[0], home[1]))
+            return None
+        point = to_near_local_m(latitude, longitude, self._origin_deg)
         if point is None:
-            far_m = apart_m((home[0], home[1]), (latitude, longitude))
+            far_m = apart_m(self._origin_deg, (latitude, longitude))
             message = f"too far from home, {far_m / 1000:.0f} km: home may be another place"
             self._fault(at[6], item, message, f"at most {FARTHEST_M / 1000:g} km")
-        self.points[index] = point
+        return point
 
     # --- items in the order flown
 
@@ -454,13 +484,10 @@ class MissionPlan:
     def _assembled(self, visits: list[_Visit]) -> Plan:
         path = self._path(visits)
         stages = self._stages(visits, path)
-        # what is commanded before a last item that takes no way is commanded on the way to it
-        left = [each for visit in visits[path.pieces[-1][0] + 1 :] for each in visit.commands]
-        stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, *left))
         last = visits[-1].item
         if last.command in (d.LAND, d.RETURN):
             stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
-        self._doubt_places(visits)
+        self._doubt_altitudes(visits)
         shortest_m = min(piece.length_m for _, piece in path.pieces)
         return Plan(
             name=self.source.name,
@@ -512,27 +539,11 @@ class MissionPlan:
     def _stages(self, visits: list[_Visit], path: WaypointPath) -> list[Stage]:
         """The pieces of a path as stages, with what is commanded on the way."""
         stages: list[Stage] = []
-        functions: dict[str, Expression] = {}  # laps have theirs in common
-        commanded = 0
-        before: Point | None = None
-        for target, piece in path.pieces:
-            visit = visits[target]
-            # what was commanded before targets that take no way is commanded now
-            commands = tuple(each for earlier in visits[commanded : target + 1] for each in earlier.commands)
-            commanded = max(commanded, target + 1)
+        read = cache(read_expression)  # laps have theirs in common
+        end: Point | None = None
+        for (target, piece), commands in zip(path.pieces, _commands_by_piece(visits, path), strict=True):
+            visit, end = visits[target], _end_of(piece, end)
             function, rotation, gain = piece_path(piece)
-            if function not in functions:
-                functions[function] = read_expression(function)
-            around = piece.centre_m is not None and math.dist(piece.centre_m, visit.target.centre_m) < ON_CIRCLE_M
-            if visit.item.command == d.LOITER_TO_ALTITUDE and around:
-                commands = (*commands, LOITER)
-            end = piece.end[:2]
-            if before is not None and piece.centre_m is not None and piece.start == piece.end:
-                # a whole turn ends where it begins, which a way that is too short to be a piece may be away from
-                cx, cy = piece.centre_m
-                bearing = math.atan2(before[1] - cy, before[0] - cx)
-                end = (cx + piece.radius_m * math.cos(bearing), cy + piece.radius_m * math.sin(bearing))
-            before = end
             x, y = (constant(round(value, 9)) for value in end)
             stages.append(
                 Stage(
@@ -540,23 +551,18 @@ class MissionPlan:
                     visit.item.locations[0][0],
                     float(f"{gain:.4g}"),
                     rotation,
-                    functions[function],
+                    read(function),
                     (x, y),
                     altitude_m=visit.altitude_m,
                     airspeed_mps=visit.airspeed_mps,
-                    commands=commands,
+                    commands=tuple(commands),
                     item=visit.item.label,
                 )
             )
         return stages
 
-    def _doubt_places(self, visits: Sequence[_Visit]) -> None:
-        """Find a home that may be another place, and waypoints that have no height."""
-        far_m = math.hypot(*visits[0].target.centre_m)
-        if far_m > FAR_HOME_M:
-            item = visits[0].item
-            message = f"home is {far_m / 1000:.0f} km from {item.label}: it may be that of another place"
-            self._find(self.draft.home_location, "far-home", message)
+    def _doubt_altitudes(self, visits: Sequence[_Visit]) -> None:
+        """Find waypoints that have no height."""
         placed = [each for each in visits if each.item.command in _POSITIONED - _LANDS and each.altitude_m is not None]
         if placed and all(each.altitude_m == 0 for each in placed):
             message = f"{placed[0].item.label}: every waypoint is 0 m above home: altitudes may be missing"

@@ -6,6 +6,7 @@ format of Mission Planner, ArduPilot and QGroundControl: a row for each item.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -22,7 +23,6 @@ from eadp.exchange.items import (
     LAND,
     LAND_START,
     LOITER_TO_ALTITUDE,
-    MAX_FENCE_M,
     NO_MISSION,
     NO_POSITION,
     RALLY_LEFT_OUT,
@@ -35,6 +35,8 @@ from eadp.exchange.items import (
     MissionDraft,
     MissionItem,
     command_text,
+    place_fault,
+    radius_fault,
 )
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.csv import Row, number_fault, read_rows
@@ -188,8 +190,8 @@ def _polygon(fence: _Value) -> Fence:
 def _circle(fence: _Value) -> Fence:
     circle, inclusion = fence.member("circle").is_(JsonObject), fence.member("inclusion").value is True
     radius = circle.member("radius").is_(float)
-    if not 0 < radius.value <= MAX_FENCE_M:
-        raise radius.error(f"{radius.value:g} m", f"metres, above 0, at most {MAX_FENCE_M:g}")
+    if fault := radius_fault(radius.value):
+        raise radius.error(*fault)
     return Fence.circle(inclusion, _corner(circle.member("center")), radius.value, fence.location)
 
 
@@ -197,10 +199,10 @@ def _corner(place: _Value) -> tuple[float, float]:
     values = place.is_(JsonList).value
     if len(values) < 2 or any(type(each) not in (int, float) for each in values):
         raise place.error("no position", "[latitude, longitude]")
-    latitude, longitude = float(values[0]), float(values[1])
-    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
-        raise place.error(f"{latitude:g}, {longitude:g}", "a latitude and a longitude [°]")
-    return latitude, longitude
+    corner = float(values[0]), float(values[1])
+    if fault := place_fault(*corner):
+        raise place.error(*fault)
+    return corner
 
 
 def _read_item(item: _Value, draft: MissionDraft) -> None:
@@ -237,8 +239,6 @@ def _read_simple(item: _Value, draft: MissionDraft) -> None:
     if len(draft.items) >= ITEMS_LIMIT:
         raise item.error(f"more than {ITEMS_LIMIT} items", "as many or fewer")
     parameters = item.member("params").elements()
-    if len(parameters) == 4 and item.member("coordinate").value is not None:  # of earlier versions of QGroundControl
-        parameters += item.member("coordinate").elements()
     if len(parameters) != 7:
         raise item.member("params").error(f"{len(parameters)} parameters", "7")
     values = tuple(math.nan if each.value is None else float(each.is_(float).value) for each in parameters)
@@ -281,6 +281,39 @@ def _rounded(values: Sequence[float]) -> list[float | None]:
     return [round(value, 9) for value in values]
 
 
+def _simple_item(number: int, item: MissionItem) -> dict[str, Any]:
+    """An item of a plan, by its number."""
+    simple = {
+        "autoContinue": True,
+        "command": item.command,
+        "doJumpId": number,
+        "frame": item.frame,
+        "params": _rounded(item.parameters),
+        "type": "SimpleItem",
+    }
+    if item.frame != RELATIVE:
+        return simple
+    return simple | {"AMSLAltAboveTerrain": None, "Altitude": item.altitude_m, "AltitudeMode": ABOVE_HOME}
+
+
+def _landing_pattern(approach: MissionItem, land: MissionItem) -> dict[str, Any]:
+    """A landing as the complex item of a plan, from its approach, a waypoint or a circle."""
+    circle, radius_m = approach.command == LOITER_TO_ALTITUDE, approach.parameters[1]
+    return {
+        "type": "ComplexItem",
+        "complexItemType": "fwLandingPattern",
+        "version": 2,
+        "altitudesAreRelative": True,
+        "landingApproachCoordinate": _rounded(approach.parameters[4:]),
+        "landCoordinate": _rounded(land.parameters[4:]),
+        "useLoiterToAlt": circle,
+        "loiterRadius": abs(radius_m) if circle else 0.0,
+        "loiterClockwise": not circle or radius_m > 0,
+        "stopTakingPhotos": False,
+        "stopVideoPhotos": False,
+    }
+
+
 def qgc_text(
     items: Sequence[MissionItem],
     home_deg: Point,
@@ -296,34 +329,16 @@ def qgc_text(
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
     polygons = [
-        {
-            "inclusion": inclusion,
-            "polygon": [_rounded(corner) for corner in corners],
-            "version": 1,
-        }
-        for inclusion, corners, _ in fences
+        {"inclusion": fence.inclusion, "polygon": [_rounded(corner) for corner in fence.corners_deg], "version": 1}
+        for fence in fences
     ]
-    written: list[dict[str, Any]] = []
+    written = [_simple_item(number, item) for number, item in enumerate(items, 1)]
     ending = [item.command for item in items[-3:]]
-    lands = ending in ([LAND_START, WAYPOINT, LAND], [LAND_START, LOITER_TO_ALTITUDE, LAND])
-    pattern = lands and firmware == ARDUPILOT
-    for number, (command, frame, parameters, _) in enumerate(items[:-3] if pattern else items, 1):
-        item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
-        item |= {"params": _rounded(parameters), "type": "SimpleItem"}
-        if frame == RELATIVE:
-            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": ABOVE_HOME}
-        written.append(item)
-    if lands and not pattern and items[-2].command == WAYPOINT:
-        written[-2]["params"][3] = None
-    if pattern:
-        approach, land = (_rounded(item.parameters[4:]) for item in items[-2:])
-        circle, radius_m = items[-2].command == LOITER_TO_ALTITUDE, items[-2].parameters[1]
-        written.append(
-            {"type": "ComplexItem", "complexItemType": "fwLandingPattern", "version": 2, "altitudesAreRelative": True}
-            | {"landingApproachCoordinate": approach, "landCoordinate": land, "useLoiterToAlt": circle}
-            | {"loiterRadius": abs(radius_m) * circle, "loiterClockwise": not circle or radius_m > 0}
-            | {"stopTakingPhotos": False, "stopVideoPhotos": False}
-        )
+    if ending in ([LAND_START, WAYPOINT, LAND], [LAND_START, LOITER_TO_ALTITUDE, LAND]):
+        if firmware == ARDUPILOT:
+            written[-3:] = [_landing_pattern(*items[-2:])]
+        elif items[-2].command == WAYPOINT:
+            written[-2]["params"][3] = None
     mission = {
         "cruiseSpeed": airspeed_mps,
         "firmwareType": firmware,
@@ -397,31 +412,34 @@ def _is_fence(item: DraftItem) -> bool:
 
 def _fences(source: Text, rows: Sequence[DraftItem]) -> list[Fence]:
     """The fences among rows; the first row of a polygon says how many its corners are."""
-    found: list[Fence] = []
-    left, corners_of = 0, 0
-    for item in rows:
-        command, size, corner, at = item.command, item.parameters[0], item.parameters[4:6], item.locations
-        if left and command != corners_of:
-            break
-        if command in POLYGONS:
-            if not left:
-                if not 3 <= size <= ITEMS_LIMIT or size != int(size):
-                    raise source.error(at[2], f"{size:g} corners", "3 or more, in the rows that follow")
-                left, corners_of = int(size), command
-                found.append(Fence(POLYGONS[command], [], at[6]))
-            found[-1].corners_deg.append((corner[0], corner[1]))
-            left -= 1
-        elif command in CIRCLES:
-            if not 0 < size <= MAX_FENCE_M:
-                raise source.error(at[2], f"a radius of {size:g} m", f"above 0, at most {MAX_FENCE_M:g}")
-            found.append(Fence.circle(CIRCLES[command], (corner[0], corner[1]), size, at[6]))
-        else:
-            continue
-        if not (abs(corner[0]) <= 90 and abs(corner[1]) <= 180):
-            raise source.error(at[6], f"{corner[0]:g}, {corner[1]:g}", "a latitude and a longitude [°]")
-    if left:
-        raise source.error(found[-1].location, f"a polygon without its last {left} corners", "as many as it states")
-    return found
+    fences: list[Fence] = []
+    left = iter(rows)
+    for item in left:
+        if item.command in CIRCLES:
+            radius_m = item.parameters[0]
+            if fault := radius_fault(radius_m):
+                raise source.error(item.locations[2], *fault)
+            fences.append(Fence.circle(CIRCLES[item.command], _place(source, item), radius_m, item.locations[6]))
+        elif item.command in POLYGONS:
+            count = item.parameters[0]
+            if not 3 <= count <= ITEMS_LIMIT or count != int(count):
+                raise source.error(item.locations[2], f"{count:g} corners", "3 or more, in the rows that follow")
+            corners = [item, *itertools.islice(left, int(count) - 1)]
+            whole = [each for each in corners if each.command == item.command]
+            if missing := int(count) - len(whole):
+                message = f"a polygon without its last {missing} corners"
+                raise source.error(item.locations[6], message, "as many as it states")
+            places = [_place(source, each) for each in whole]
+            fences.append(Fence(POLYGONS[item.command], places, item.locations[6]))
+    return fences
+
+
+def _place(source: Text, item: DraftItem) -> Point:
+    """Latitude and longitude of a row of a fence [°]."""
+    latitude, longitude = item.parameters[4:6]
+    if fault := place_fault(latitude, longitude):
+        raise source.error(item.locations[6], *fault)
+    return latitude, longitude
 
 
 def _rows(source: Text) -> list[DraftItem]:

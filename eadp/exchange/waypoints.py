@@ -103,6 +103,11 @@ class _Leg:
         return math.dist(self.start, self.end)
 
     @property
+    def fillet_start(self) -> Pose:
+        """Where the fillet at its end begins; its end without one."""
+        return (*_ahead(self.end, self.course_rad, -self.trim_m[1]), self.course_rad)
+
+    @property
     def room_m(self) -> float:
         """Its length up to the waypoint [m]: a fillet that took more would pass it by."""
         return max(0.0, self.length_m - self.past_m)
@@ -307,26 +312,36 @@ def _set_trims(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> Non
 def _pieces(legs: Sequence[_Leg]) -> list[tuple[int, Piece]]:
     """The pieces of legs, trimmed, and of the turns between them, each with its target's index."""
     pieces: list[tuple[int, Piece]] = []
-    for k, leg in enumerate(legs):
-        after = legs[k + 1] if k + 1 < len(legs) else None
-        first, last = leg.trim_m  # at the start and at the end
-        end: Pose = (*_ahead(leg.end, leg.course_rad, -last), leg.course_rad)
-        if leg.round is not None:
-            pieces += [(leg.way, piece) for piece in _arc(leg.round, leg.start, leg.end)]
-        elif leg.length_m - first - last >= MIN_PIECE_M:
-            start = (*_ahead(leg.start, leg.course_rad, first), leg.course_rad)
-            pieces.append((leg.way, Piece(0, start, end, math.dist(start[:2], end[:2]), None)))
+    for leg, after in itertools.zip_longest(legs, legs[1:]):
+        pieces += [(leg.way, piece) for piece in _way(leg)]
         if leg.circle is not None:
-            pieces += [(leg.target, piece) for piece in _arc(leg.circle, leg.end, after.start if after else None)]
-        elif after is not None and leg.corner_rad:
-            side = math.copysign(1.0, leg.corner_rad)
-            # r = trim / tan(θ/2), which may be reduced
-            radius = last / abs(math.tan(leg.corner_rad / 2))
-            circle = Loiter(centre_m(end, side, radius), side * radius, 0.0)
-            then = _ahead(after.start, after.course_rad, after.trim_m[0])
-            if last >= MIN_PIECE_M / 2:
-                pieces += [(leg.target, piece) for piece in _arc(circle, end[:2], then)]
+            turn = _arc(leg.circle, leg.end, after.start if after else None)
+        else:
+            turn = _fillet(leg, after) if after and leg.corner_rad else []
+        pieces += [(leg.target, piece) for piece in turn]
     return pieces
+
+
+def _way(leg: _Leg) -> list[Piece]:
+    """The way of a leg: an arc, or the straight between the fillets at its ends, if any is left."""
+    if leg.round is not None:
+        return _arc(leg.round, leg.start, leg.end)
+    at_start_m, at_end_m = leg.trim_m
+    if leg.length_m - at_start_m - at_end_m < MIN_PIECE_M:
+        return []
+    start, end = (*_ahead(leg.start, leg.course_rad, at_start_m), leg.course_rad), leg.fillet_start
+    return [Piece(0, start, end, math.dist(start[:2], end[:2]), None)]
+
+
+def _fillet(leg: _Leg, after: _Leg) -> list[Piece]:
+    """The fillet between a leg and the next one, if it has any length."""
+    trim_m = leg.trim_m[1]
+    if trim_m < MIN_PIECE_M / 2:
+        return []
+    # r = trim / tan(θ/2), which may be reduced
+    radius_m, side = trim_m / abs(math.tan(leg.corner_rad / 2)), math.copysign(1.0, leg.corner_rad)
+    circle = Loiter(centre_m(leg.fillet_start, side, radius_m), side * radius_m, 0.0)
+    return _arc(circle, leg.fillet_start[:2], _ahead(after.start, after.course_rad, after.trim_m[0]))
 
 
 def _ahead(point: Point, course_rad: float, distance_m: float) -> Point:

@@ -24,6 +24,7 @@ from eadp.exchange.items import ITEMS_LIMIT, NO_POSITION, Fence, MissionItem
 from eadp.exchange.path import (
     EXPORT_NAMES,
     FENCE_ENDING,
+    Arc,
     PlannedPath,
     Section,
     geojson_text,
@@ -38,6 +39,7 @@ from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import STRICT, keys_document, validated
 from eadp.models.plan.pieces import CLIMB_OUT_M
 from eadp.models.plan.route import PlannedLegs
+from eadp.models.plan.stage import Stage
 from eadp.plug_ins import plug_in
 
 SCHEMA = "eadp.items/1"
@@ -191,32 +193,48 @@ class _ItemBuilder:
         if not flying:
             self._take_off(sections[0])
         if path.trigger_distance_m is not None:
-            self._command((d.TRIGGER_DISTANCE, path.trigger_distance_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+            self._take_pictures(path.trigger_distance_m)
         for k, section in enumerate(sections):
-            stage = section.stage
             self._altitude_m, self._legs = path.altitude_of(section), (section.first, section.last)
             self._change_speed(section)
-            for command in stage.commands:
-                own = command[0] == d.TRIGGER_DISTANCE and path.trigger_distance_m is not None
-                if not own and command[0] not in (d.TAKEOFF, d.LAND, d.RETURN, d.LOITER_TO_ALTITUDE):
-                    self._command(command)
+            self._give_commands(section.stage)
             if self._gap_m(k) > JOINED_M:
                 self._fly_to(section.start_m)
             self._fly(k)
-        distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
-        # a mission's own pictures, which nothing ends, go on in its landing
-        own = path.trigger_distance_m is None and 0.0 not in distances_m
-        if distances_m and distances_m[-1] > 0 and not (own and sections[-1].stage.command(d.LAND)):
-            self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
-            starts = [i for i, item in enumerate(self.items) if item.command == d.LAND_START]
-            if starts:  # what follows a landing is not done
-                self.items.insert(starts[0], self.items.pop()._replace(legs=self.items[starts[0]].legs))
+        self._end_pictures()
         if px4 and not sections[0].stage.item:  # a mission's own pictures stay as they are
             for i in reversed([i for i, item in enumerate(self.items) if _ends_pictures(item)]):
                 self._end_pictures_later(i)
         last = sections[-1].stage
         if last.command(d.RETURN) or (path.home_deg is not None and not last.command(d.LAND)):
             self._command((d.RETURN, *(0.0,) * 7))
+
+    def _give_commands(self, stage: Stage) -> None:
+        """Add what a stage commands, but for what has items of its own."""
+        own = {d.TAKEOFF, d.LAND, d.RETURN, d.LOITER_TO_ALTITUDE}
+        if self.path.trigger_distance_m is not None:
+            own.add(d.TRIGGER_DISTANCE)
+        for command in stage.commands:
+            if command[0] not in own:
+                self._command(command)
+
+    def _take_pictures(self, every_m: float) -> None:
+        """Take a picture every so many metres from here on; none with 0."""
+        self._command((d.TRIGGER_DISTANCE, every_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+
+    def _end_pictures(self) -> None:
+        """End the pictures that are taken at the end of the path, before a landing: what follows that is not done."""
+        distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
+        if not distances_m or distances_m[-1] == 0:
+            return
+        never_ended = self.path.trigger_distance_m is None and 0.0 not in distances_m
+        if never_ended and self._sections[-1].stage.command(d.LAND):  # a mission's own, which go on in its landing
+            return
+        self._take_pictures(0.0)
+        for i, item in enumerate(self.items):
+            if item.command == d.LAND_START:
+                self.items.insert(i, self.items.pop()._replace(legs=item.legs))
+                return
 
     def _end_pictures_later(self, i: int) -> None:
         """Move the end of pictures behind the first waypoint out of reach of that where a line ends, for PX4.
@@ -297,50 +315,66 @@ class _ItemBuilder:
 
     def _fly(self, k: int) -> None:
         """Add a section; its end is no waypoint where the turns beside it lead there by themselves."""
-        section, following = (*self._sections[k : k + 2], None)[:2]
-        assert section is not None
-        arc, loiter = section.arc, self._loiter(section)
-        # beside a gap the autopilot turns as it does: there is no room for the arc and for the kink of the gap
-        beside = self._is_gap(k) or self._is_gap(k + 1)
-        # of the room of a turn, the waypoints at its ends take some, where the lines beside it lead elsewhere
-        near = [j for j in (k, k + 1) if 0 < j < len(self._flown) and self._gap_m(j) <= JOINED_M]
-        turns = {j: self._flown[j].courses_rad[0] - self._flown[j - 1].courses_rad[1] for j in near}
-        kinks = {j: abs(math.remainder(turn, 2 * math.pi)) for j, turn in turns.items()}
-        taken_m = arc.radius_m * math.tan(max(kinks.values(), default=0.0) / 2) if arc else 0.0
-        if arc and kinks.get(k, 0.0) > ARC_RAD:  # what its acceptance radius takes, too
-            taken_m = max(taken_m, self.items[-1].parameters[1])
-        lands = following is not None and bool(following.stage.command(d.LAND))
+        section = self._sections[k]
+        self._fly_along(k, section)
+        if k + 1 < len(self._sections):
+            self._fly_on(self._flown[k].end_m, section, self._sections[k + 1])
+        elif section.stage.command(d.LAND):
+            self._land(section)
+        else:
+            self._fly_to(section.end_m)
+
+    def _fly_along(self, k: int, section: Section) -> None:
+        """Add the items between the ends of a section: a circle, or the corners of an arc or a curve."""
+        arc = section.arc
         if arc and section.stage.command(d.LOITER_TO_ALTITUDE):
             # left along the tangent, at its altitude and where the next item lies ahead
             self._add(d.LOITER_TO_ALTITUDE, (1.0, -arc.turn * held_radius_m(arc.radius_m), 0.0, 1.0), arc.centre_m)
-            if lands:
-                return
-        elif arc and loiter is not None:
+        elif arc and (loiter := self._loiter(section)):
             self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
+        elif self._is_gap(k) or self._is_gap(k + 1):
+            # the autopilot turns as it does: there is no room for the arc and for the kink of the gap
+            for point, _ in section.corners(self.path.tolerance_m):
+                self._fly_to(point)
         else:
-            for point, begins_m in section.corners(self.path.tolerance_m if self._px4 or beside else math.inf):
-                self._fly_to(point, 0.0 if beside else self._held_m(max(begins_m - taken_m, 0.0)))
-        end, acceptance_m = section.end_m, 0.0
-        if following is None and section.stage.command(d.LAND):
-            before = self.items[-1] if self.items else None
-            begins = before is not None and before.command in (d.WAYPOINT, d.LOITER_TO_ALTITUDE)
-            if before and begins and all(item.command != d.LAND_START for item in self.items):
-                # before the waypoint or the circle at the start of the approach, from where on a landing is flown
-                self.items.insert(-1, MissionItem(d.LAND_START, d.NO_POSITION, (0.0,) * 7, before.legs))
-            self._add(d.LAND, section.stage.command(d.LAND)[1:5], end)
+            taken_m = self._taken_m(k, arc) if arc else 0.0
+            for point, begins_m in section.corners(self.path.tolerance_m if self._px4 else math.inf):
+                self._fly_to(point, self._held_m(max(begins_m - taken_m, 0.0)))
+
+    def _taken_m(self, k: int, arc: Arc) -> float:
+        """What waypoints at the ends of a turn take of its room, where the lines beside it lead elsewhere [m]."""
+        taken_m = arc.radius_m * math.tan(max(self._kink_rad(k), self._kink_rad(k + 1)) / 2)
+        if self._kink_rad(k) > ARC_RAD:  # what the acceptance radius before it takes, too
+            taken_m = max(taken_m, self.items[-1].parameters[1])
+        return taken_m
+
+    def _kink_rad(self, k: int) -> float:
+        """By how much the course changes at the start of a section [rad]; 0 where it is the first, or beyond, or flown
+        to."""
+        if not 0 < k < len(self._flown) or self._gap_m(k) > JOINED_M:
+            return 0.0
+        turn = self._flown[k].courses_rad[0] - self._flown[k - 1].courses_rad[1]
+        return abs(math.remainder(turn, 2 * math.pi))
+
+    def _fly_on(self, end_m: Point, section: Section, following: Section) -> None:
+        """Add the waypoint at the end of a section that another one follows, unless there is none."""
+        if section.arc and _leads_on(section, following):
             return
-        if following is not None:
-            turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
-            long = section.arc is None and math.dist(section.start_m, end) >= LONG_M
-            acceptance_m = ACCEPTANCE_M if long and abs(turn) <= STRAIGHT_RAD else 0.0
-            loiters = following.stage.command(d.LOITER_TO_ALTITUDE) and not one_circle(arc, following.arc)
-            if arc and following.arc and not loiters:
-                return
-            if abs(turn) <= STRAIGHT_RAD and self._joins(section, following):
-                self._skipped = None if arc else section.first
-                return
-            end = self._flown[k].end_m
-        self._fly_to(end, acceptance_m)
+        turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
+        straight = abs(turn) <= STRAIGHT_RAD
+        if straight and self._joins(section, following):
+            self._skipped = None if section.arc else section.first
+            return
+        long = section.arc is None and math.dist(section.start_m, section.end_m) >= LONG_M
+        self._fly_to(end_m, ACCEPTANCE_M if long and straight else 0.0)
+
+    def _land(self, section: Section) -> None:
+        """Add a landing, and the item that says where it begins: before the waypoint or the circle of the approach."""
+        before = self.items[-1] if self.items else None
+        approaches = before is not None and before.command in (d.WAYPOINT, d.LOITER_TO_ALTITUDE)
+        if before and approaches and all(item.command != d.LAND_START for item in self.items):
+            self.items.insert(-1, MissionItem(d.LAND_START, d.NO_POSITION, (0.0,) * 7, before.legs))
+        self._add(d.LAND, section.stage.command(d.LAND)[1:5], section.end_m)
 
     def _held_m(self, acceptance_m: float) -> float:
         """An acceptance radius as the autopilot holds it: ArduPilot's is in whole metres, and 0 is its own [m]."""
@@ -388,6 +422,14 @@ class _ItemBuilder:
 
     def _command(self, command: Sequence[float]) -> None:
         self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:]), self._legs))
+
+
+def _leads_on(section: Section, following: Section) -> bool:
+    """Whether an arc leads on without a waypoint: to another arc, or as a loiter to an altitude to a landing."""
+    if section.stage.command(d.LOITER_TO_ALTITUDE) and following.stage.command(d.LAND):
+        return True
+    to_loiter = following.stage.command(d.LOITER_TO_ALTITUDE) and not one_circle(section.arc, following.arc)
+    return following.arc is not None and not to_loiter
 
 
 def _ends_pictures(item: MissionItem) -> bool:

@@ -245,20 +245,11 @@ class LiveFlight:
     # --- the plan
 
     def _start(self, sample: Sample) -> None:
-        """Begin with the first sample: set time and place of the start, and take off, or find where the flight is.
-
-        The start is the mission's, if the first position can be reached from it in the time flown, else that position.
-        """
+        """Begin with the first sample: set time and place of the start, and take off, or find where the flight is."""
         mission = self._mission
         self._origin_s = 0.0 if 0 <= sample.time_s <= CLOCK_START_S else sample.time_s
-        position, start = sample.position_m, mission.start_m
         elapsed_s = sample.time_s - self._origin_s
-        away = False
-        if position is not None:
-            reach_m = SPEED_FACTOR * mission.cruise_mps * elapsed_s + SLACK_M
-            away = start is not None and math.dist(position, start) > reach_m
-            start = position if start is None or away else start
-        assert start is not None
+        start, away = self._place_of_start(sample.position_m, elapsed_s)
         self._climbs = InitialClimb(sample, mission.cruise_mps, _altitude_m(mission, mission.plan.stages[0]))
         if self._climbs.from_ground:
             mission = self._mission = replace(mission, altitude_m=sample.altitude_m or 0.0)
@@ -278,6 +269,19 @@ class LiveFlight:
         mission = replace(mission, start_m=executor.joined_m, parameters=executor.parameters)
         mission = replace(mission, live=True, clock_s=self._origin_s)
         self._flight, self._held = self._make(mission)
+
+    def _place_of_start(self, position: Point | None, elapsed_s: float) -> tuple[Point, bool]:
+        """Where the flight starts [m], and whether that is away from the mission's start.
+
+        It is the mission's, if the first position can be reached from it in the time flown, else that position.
+        """
+        start = self._mission.start_m
+        if start is None or position is None:
+            known = start or position
+            assert known is not None
+            return known, False
+        away = math.dist(position, start) > SPEED_FACTOR * self._mission.cruise_mps * elapsed_s + SLACK_M
+        return (position, True) if away else (start, False)
 
     def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:
         """Advance through the plan to a sample; return the position at it, see `PlanTracker.track`.

@@ -56,6 +56,20 @@ class LinkOptions:
     command_airspeed: bool = False
     """Decide the airspeed within the aircraft's range, and command it while the mission is flown."""
 
+    def check(self, inputs: FlightInputs) -> None:
+        """Refuse what the inputs of a flight do not allow; raises InputError."""
+        if inputs.mission.plan.site.origin_deg is None:
+            message = "the plan has no place on the earth, and an autopilot's positions have"
+            raise InputError.at(inputs.sources["plan"].name, 1, 1, message, "%: origin")
+        if self.command_airspeed and inputs.mission.vehicle.airspeed_range_mps is None:
+            message, keys = "the planner decides no airspeed", "planner.joint.airspeed: when-short"
+            if inputs.scenario.keys.vehicle.airframe.airspeed_range_mps is None:
+                message = "the aircraft states no airspeeds to choose from"
+                keys = "vehicle.airframe.airspeed_range_mps: [LOW, HIGH]"
+            raise InputError.at("--command-airspeed", 1, 1, message, keys)
+        if self.upload and self.items is None:
+            raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
+
 
 @dataclass
 class _WayHome:
@@ -96,28 +110,13 @@ class LinkFlight:
         warn: Warn,
         send: Send | None = None,
     ) -> None:
+        options.check(inputs)
         plan = inputs.mission.plan
-        if plan.site.origin_deg is None:
-            text = inputs.sources["plan"].name
-            raise InputError.at(
-                text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
-            )
         self._inputs, self._emit, self._send, self._log = inputs, emit, send, log
         # the map of the mission's items, as exported; None without --items
         exported = self._exported = None if options.items is None else read_items(options.items, self._path_names)
         inputs = with_mission(inputs, exported)
         inputs = self._inputs = inputs if options.command_airspeed else inputs.at_one_airspeed()
-        if options.command_airspeed and inputs.mission.vehicle.airspeed_range_mps is None:
-            if inputs.scenario.keys.vehicle.airframe.airspeed_range_mps is None:
-                message, keys = (
-                    "the aircraft states no airspeeds to choose from",
-                    "vehicle.airframe.airspeed_range_mps: [LOW, HIGH]",
-                )
-            else:
-                message, keys = "the planner decides no airspeed", "planner.joint.airspeed: when-short"
-            raise InputError.at("--command-airspeed", 1, 1, message, keys)
-        if options.upload and exported is None:
-            raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         # path parameters that the mission shall have; None before the first plan, and once only home can be reached
         self._decided_path: tuple[float, ...] | None = None
         self._home = _WayHome(may_command=options.return_home)
@@ -176,7 +175,7 @@ class LinkFlight:
         except (ArithmeticError, LookupError, TypeError, ValueError):
             pilot.say(f"{message.kind} that makes no sense; ignored")
             return
-        begins = False  # whether the autopilot is heard, or armed, anew: then it is asked for all again
+        begins = False
         if message.kind == "HEARTBEAT":
             begins = first or lost or (values["armed"] and not autopilot.armed)
             self._take_heartbeat(values, first=first)
@@ -191,12 +190,16 @@ class LinkFlight:
         self.update(values)
         self._airspeed.pass_items(self._lines.items, self._lines.index)
         if begins or self._lines.heard.restarts > restarts:
-            autopilot.ask()
-            if mission is not None:
-                self._do(mission.read(now_s))
+            self._ask(now_s)
         uploads = self._uploads and self._lines.flies_mission is not False
         if mission is not None and uploads and self._decided_path is not None:
             self._do(mission.decide(now_s, self._decided_path, self._replanner.rest))
+
+    def _ask(self, now_s: float) -> None:
+        """Ask an autopilot that is heard, or armed, anew for its messages and its mission."""
+        self._autopilot.ask()
+        if self._mission is not None:
+            self._do(self._mission.read(now_s))
 
     def _note(self, values: Mapping[str, Any], now_s: float) -> None:
         """Note what the autopilot says in words, of a parameter, and in answer to a command."""
@@ -403,20 +406,16 @@ def replay_flight(
     flight: Replanner | LinkFlight
     with open_telemetry(path) as stream:
         head = stream.readline(10_000)
-        if _kind(head) == START:
-            if json.loads(head).get("inputs") != hashed:
+        start = _entry(head)
+        if start.get("kind") == START:
+            if start.get("inputs") != hashed:
                 what = "is of another plan, scenario or settings: decisions may be others"
                 warn(Fault(path, 1, 1, what, severity="warning"))
-            names = inputs.mission.plan.names[: inputs.mission.plan.path_count]
-            items = None if options.items is None else read_items(options.items, names)
-            inputs = with_mission(inputs, items)
-            if json.loads(head).get(DECIDES_AIRSPEED) is False:
-                inputs = inputs.at_one_airspeed()
-            flight = Replanner(inputs, path, log, emit, warn)
+            flight = Replanner(_as_logged(inputs, options, start), path, log, emit, warn)
             flight.restore()
             for number, raw in numbered_lines(stream, path):
-                if _kind(raw) == TELEMETRY:
-                    line = {key: value for key, value in json.loads(raw).items() if key != "kind"}
+                line = _entry(raw)
+                if line.pop("kind", None) == TELEMETRY:
                     flight.take(flight.reader.reading(number + 1, line))
         else:
             flight = LinkFlight(inputs, path, options, log, emit, warn)
@@ -425,6 +424,13 @@ def replay_flight(
         what = "a log of eadp replan, or a log (.tlog, .bin, .ulg) of a flight of the plan"
         raise InputError.at(path, 1, 1, "has no flight that can be used", what)
     return flight.completes
+
+
+def _as_logged(inputs: FlightInputs, options: LinkOptions, start: Mapping[str, Any]) -> FlightInputs:
+    """Inputs with the mission of `--items`, and at one airspeed where the first line of a log says so."""
+    names = inputs.mission.plan.names[: inputs.mission.plan.path_count]
+    inputs = with_mission(inputs, None if options.items is None else read_items(options.items, names))
+    return inputs.at_one_airspeed() if start.get(DECIDES_AIRSPEED) is False else inputs
 
 
 def _replay_messages(flight: LinkFlight, path: str, plan: Plan, head: bytes, stream: BinaryIO) -> None:
@@ -461,10 +467,10 @@ def _check_place(path: str, plan: Plan, rows: Sequence[Mapping[str, Any]]) -> No
         raise InputError.at(path, 1, 1, message, f"a log of a flight within {reach_m / 1000:.3g} km of the plan")
 
 
-def _kind(raw: bytes) -> str | None:
-    """The `kind` of a line of a log of `eadp replan`; None where it is no JSON object."""
+def _entry(raw: bytes) -> dict[str, Any]:
+    """A line of a log of `eadp replan`; empty where it is no JSON object."""
     try:
         line = json.loads(raw)
     except (ValueError, RecursionError):
-        return None
-    return str(line.get("kind")) if isinstance(line, dict) else None
+        return {}
+    return line if isinstance(line, dict) else {}

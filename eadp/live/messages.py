@@ -375,31 +375,31 @@ class LineMaker:
         line in the air comes after the last one on the ground, at which the flight starts.
         """
         self._keep(values)
-        time_s = values.get("time_s")
-        if time_s is None:
-            return []
-        before_s = self.heard.now_s
-        starts = self.heard.starts(time_s)  # the first time counts as a start, too
-        if not starts and time_s < before_s:
-            return []
-        placed = "lat_deg" in values  # a line without a position is made where none has come for `BLIND_S`
-        if not starts and time_s - self._line_s < (LINE_S - 1e-6 if placed else BLIND_S):
+        time_s, placed = values.get("time_s"), "lat_deg" in values
+        if time_s is None or not self._is_due(time_s, placed=placed):
             return []
         line = self._line(values)
         self._line_s = time_s
         if not self._flies():
             self._ground = line if placed else self._ground
             return []
-        ground = None if self.flown else self._ground
+        lines = [line]
+        if not self.flown and self._ground is not None and 0 < time_s - self._ground["time_s"] <= STALE_S:
+            lines = [self._ground, line]
         self.flown = True
-        before = ground is not None and 0 < time_s - ground["time_s"] <= STALE_S
-        lines = [ground, line] if ground is not None and before else [line]
         for each in lines:  # lines on the ground, which no one has, say nothing
             if (autopilot := each.get("autopilot", self._said)) != self._said:
                 self._said = autopilot
             else:
                 each.pop("autopilot", None)
         return lines
+
+    def _is_due(self, time_s: float, *, placed: bool) -> bool:
+        """Go on to a time; whether a line is due with it: one without a position only where none has come for long."""
+        before_s = self.heard.now_s
+        if self.heard.starts(time_s):  # as the first time does
+            return True
+        return time_s >= before_s and time_s - self._line_s >= (LINE_S - 1e-6 if placed else BLIND_S)
 
     def _keep(self, values: Mapping[str, Any]) -> None:
         """Keep what a message says for the lines to come."""
@@ -462,38 +462,42 @@ class LineMaker:
         line["power_w"] = None if volts is None or amps is None else round(volts * amps, 4)
         line["voltage_v"] = volts
         line |= self._charge()
-        if (altitude_m := values.get("altitude_m")) is not None:
-            line["altitude_m"] = altitude_m
-        calibrated_mps, true_mps, wind_mps = map(self.heard.value, ("airspeed_mps", "true_mps", "wind_mps"))
+        item, flies, kind = self._item(), self.flies_mission, self.heard.value("kind", ages=False)
+        more = {
+            "altitude_m": values.get("altitude_m"),
+            "airspeed_mps": self._true_mps(),
+            "wind_mps": self.heard.value("wind_mps"),
+            "flies_mission": flies if self.items is not None or flies is False else None,
+            "returns_home": self.returns or None,
+            "stages_started": item.first if item is not None and item.first == item.last else None,
+            "parameters": self._in_force(item) or None,
+            "autopilot": None if kind is None else {"kind": kind, **self.autopilot},
+        }
+        return line | {key: value for key, value in more.items() if value is not None}
+
+    def _true_mps(self) -> float | None:
+        """The true airspeed, of a calibrated one where it is not said itself [m/s]."""
+        true_mps: float | None = self.heard.value("true_mps")
+        calibrated_mps: float | None = self.heard.value("airspeed_mps")
         if true_mps is None and calibrated_mps is not None:
             true_mps = round(calibrated_mps / self._calibrated, 4)
-        line |= {} if true_mps is None else {"airspeed_mps": true_mps}
-        line |= {} if wind_mps is None else {"wind_mps": wind_mps}
-        # parameters in force: computations' as their processes report them, the path's as the item flown to has them
-        item = self._item()
+        return true_mps
+
+    def _in_force(self, item: MappedItem | None) -> dict[str, float | None]:
+        """Parameters in force: computations' as their processes report them, the path's as the item flown to has them.
+
+        None where the mission is about to get other values: a value is on its way to the aircraft.
+        """
         plan = self._mission.plan
         reported = {
             each.name: self.heard.value(f"parameter {each.name}") for each in plan.parameters[plan.path_count :]
         }
-        parameters: dict[str, float | None] = {name: value for name, value in reported.items() if value is not None}
-        flies = self.flies_mission
-        if self.items is not None or flies is False:
-            line["flies_mission"] = flies
-        if self.returns:
-            line["returns_home"] = True
-        if item is not None:
-            if item.first == item.last:
-                line["stages_started"] = item.first
-            # None where the mission is about to get other values: a value is on its way to the aircraft
-            on_its_way = self.decided not in (None, item.parameters)
-            path = (None if on_its_way else value for value in item.parameters)
-            parameters |= dict(zip(plan.names, path, strict=False))
-        if parameters:
-            line["parameters"] = parameters
-        kind = self.heard.value("kind", ages=False)
-        if kind is not None:
-            line["autopilot"] = {"kind": kind, **self.autopilot}
-        return line
+        found: dict[str, float | None] = {name: value for name, value in reported.items() if value is not None}
+        if item is None:
+            return found
+        on_its_way = self.decided not in (None, item.parameters)
+        path = (None if on_its_way else value for value in item.parameters)
+        return found | dict(zip(plan.names, path, strict=False))
 
     def _charge(self) -> dict[str, Any]:
         """The charge of a line: the charge drawn, in finer steps, if it was ever reported; else the share left."""

@@ -104,10 +104,15 @@ def replan(
     overrides = read_overrides(override_texts([*flight.set_, *home], flight.planner))
     inputs = load_flight(plan, **given, overrides=overrides)
     warn(inputs.warnings)
+
+    def warn_one(fault: Fault) -> None:
+        """Warn of one fault."""
+        warn([fault])
+
     published = None
-    if (path := options.publish) is not None:
+    if options.publish is not None:
         computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
-        published = ValuesFile(path, computations, lambda what: warn([Fault(path, 1, 1, what, severity="warning")]))
+        published = ValuesFile(options.publish, computations, warn_one)
 
     def emit(line: dict[str, Any]) -> None:
         """Hand a decision to the caller, and to the file of values."""
@@ -116,20 +121,15 @@ def replan(
             published.decided(line)
 
     with ExitStack() as stack:
-        stream = None if options.linked else stack.enter_context(open_telemetry(options.telemetry))
-        hashed = hash_of(inputs.sources, overrides)
-        about = {DECIDES_AIRSPEED: False} if options.linked and not link.command_airspeed else {}
-        log = None if options.log is None else ReplanLog(options.log, hashed, about)
-        if log is not None:
+        log, hashed = None, hash_of(inputs.sources, overrides)
+        if options.log is not None:
+            about = {DECIDES_AIRSPEED: False} if options.linked and not link.command_airspeed else {}
+            log = ReplanLog(options.log, hashed, about)
             stack.callback(log.close)
-
-        def warn_one(fault: Fault) -> None:
-            """Warn of one fault."""
-            warn([fault])
-
         if options.replay is not None:
             return replay_flight(options.replay, inputs, link, log, emit, warn_one, hashed)
-        if stream is None:
-            return fly(options.mavlink or "", inputs, link, log, emit, warn_one)
+        if options.mavlink is not None:
+            return fly(options.mavlink, inputs, link, log, emit, warn_one)
+        stream = stack.enter_context(open_telemetry(options.telemetry))
         name = "<stdin>" if options.telemetry == "-" else options.telemetry
         return replan_lines(inputs, stream, name, log, emit, warn_one)

@@ -96,7 +96,7 @@ class ReplanLog:
         self._path = path
         self.warnings: list[Fault] = []
         self.items: Text | None = None
-        self._broken = False
+        self._broken, new = False, not os.path.lexists(path)
         self._sync_due_s = time.monotonic() + SYNC_EVERY_S
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
@@ -118,6 +118,7 @@ class ReplanLog:
         except BaseException:
             os.close(self._file)
             raise
+        self._unused = new  # of a file that is made here, whether it has no entry yet
 
     def entries(self, mission: Mission | None = None) -> Iterator[Sample | None]:
         """Samples of the log, and None for each decision; an incomplete last line is dropped with a warning.
@@ -156,10 +157,13 @@ class ReplanLog:
         self._write({"kind": MISSION, "items": items})
 
     def close(self) -> None:
-        """Sync and close the file."""
+        """Sync and close the file; a new one without an entry is removed."""
         with contextlib.suppress(OSError):  # a pipe cannot be synced
             os.fsync(self._file)
         os.close(self._file)
+        if self._unused:
+            with contextlib.suppress(OSError):
+                os.unlink(self._path)
 
     # --- reading
 
@@ -222,7 +226,7 @@ class ReplanLog:
     def _write(self, line: Mapping[str, Any]) -> None:
         if self._broken:
             return
-        data = _encoded(line)
+        data, self._unused = _encoded(line), False
         try:
             while data:
                 data = data[os.write(self._file, data) :]
@@ -425,7 +429,7 @@ class ValuesFile:
     parameters : sequence of Parameter
         The computations.
     warn : function
-        Called with a text where the file cannot be written.
+        Called with a fault where the file cannot be written.
 
     Raises
     ------
@@ -433,7 +437,7 @@ class ValuesFile:
         If the path is no regular file's.
     """
 
-    def __init__(self, path: str, parameters: tuple[Parameter, ...], warn: Callable[[str], None]) -> None:
+    def __init__(self, path: str, parameters: tuple[Parameter, ...], warn: Warn) -> None:
         output_file(path)
         self._path, self._parameters, self._warn = path, parameters, warn
         self._written: dict[str, Any] = {}
@@ -450,7 +454,7 @@ class ValuesFile:
         except InputError as error:  # tried again with the next decision
             if self._failed != str(error):
                 self._failed = str(error)
-                self._warn(error.faults[0].message)
+                self._warn(Fault(self._path, 1, 1, error.faults[0].message, severity="warning"))
 
 
 def _values(decision: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> dict[str, Any]:

@@ -40,6 +40,15 @@ Speed = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
+class AutopilotLine(BaseModel):
+    """What a line has of the autopilot: its kind, and parameters by their names."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, Finite]
+
+    kind: Literal["ardupilot", "px4"] | None = None
+
+
 class TelemetryLine(BaseModel):
     """A line of telemetry: any value but the time may be null. Other keys are ignored."""
 
@@ -103,7 +112,7 @@ class TelemetryLine(BaseModel):
     returns_home: bool | None = None
     """true where the autopilot flies home"""
 
-    autopilot: dict[str, Finite | Literal["ardupilot", "px4"]] | None = None
+    autopilot: AutopilotLine | None = None
     """the kind of the autopilot, ardupilot or px4, and its parameters by name, as in {"kind": "px4", "RTL_TYPE": 1}"""
 
 
@@ -192,7 +201,8 @@ class TelemetryReader:
             line = line.model_copy(update=dict.fromkeys(beyond))
         sample, more = (None, []) if line is None else self._sample(number, line, document)
         missing = [key for key in EXPECTED if key not in document and INSTEAD.get(key) not in document]
-        useless = sample is None or all(value is None for value in sample[1:5])
+        of_use = () if sample is None else (sample.position_m, sample.power_w, sample.soc, sample.stage)
+        useless = all(value is None for value in of_use)
         fresh = missing if useless else [key for key in missing if key not in self._missing]
         if fresh and not faults:  # of a line with other faults at the next one
             self._missing.update(fresh)
@@ -287,7 +297,8 @@ class TelemetryReader:
             values["soc"] = max(self._battery.soc - drawn, 0.0)
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
         parameters = {name: math.nan if value is None else value for name, value in (line.parameters or {}).items()}
-        autopilot = None if line.autopilot is None else _autopilot(line.autopilot)
+        known = line.autopilot
+        autopilot = None if known is None else Autopilot(known.kind, known.model_extra or {})
         mode = Mode(values.pop("flies_mission"), bool(values.pop("returns_home")), autopilot)
         return Sample(**values, position_m=position, heading_rad=heading, parameters=parameters, mode=mode), faults
 
@@ -299,12 +310,6 @@ class TelemetryReader:
 
     def _error(self, message: str, expected: str, column: int = 1) -> InputError:
         return InputError.at(self._name, 1, column, message, expected)
-
-
-def _autopilot(given: Mapping[str, float | str]) -> Autopilot:
-    """An autopilot as a line has it; numbers of no kind mean nothing."""
-    kind: Any = given.get("kind")
-    return Autopilot(kind, {name: value for name, value in given.items() if isinstance(value, float | int)})
 
 
 def numbered_lines(stream: BinaryIO, name: str) -> Iterator[tuple[int, bytes]]:

@@ -556,6 +556,13 @@ def test_what_cannot_be_exported_writes_nothing(eadp, tmp_path, arguments, words
     assert not out.exists()
 
 
+def test_a_mission_and_parameters_are_two_files(eadp, tmp_path):
+    one = tmp_path / "one.param"
+    given = "--origin", "47,8", "--scenario", "scenarios/survey.yaml", "--parameters", one
+    assert refused(eadp("export", "plans/survey.plan", "--to", "qgc", *given, "-o", one), "is the file of -o")
+    assert not one.exists()
+
+
 # --- software of others -----------------------------------------------------------------------------------------------
 
 

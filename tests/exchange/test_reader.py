@@ -380,13 +380,6 @@ def test_version_120_has_no_row_of_home():
     assert plan.stages[-1].item == "item 2"
 
 
-def test_four_parameters_and_a_coordinate():
-    body = qgc(*GOOD)
-    for each in body["mission"]["items"]:
-        each["params"], each["coordinate"] = each["params"][:4], each["params"][4:]
-    assert ends(read(body)[0]) == ends(read(qgc(*GOOD))[0])
-
-
 def test_a_longitude_beyond_180_counts_on():
     home = (0.0, 179.999)
     body = HEAD.replace("47.0\t8.0", f"{home[0]}\t{home[1]}")
@@ -526,6 +519,12 @@ def test_fences_beside_a_mission_keep_it_in_and_out():
         fault = fault_of(alone)
         assert fault.message == "fences or places to rally, and no mission"
         assert "--inside" in fault.expected
+    circle = {"inclusion": True, "circle": {"center": [47, 181], "radius": 0}}
+    for radius_m, message in ((0, "a radius of 0 m"), (90, "47, 181")):
+        circle["circle"]["radius"] = radius_m
+        empty["geoFence"]["circles"] = [circle]
+        rows = wpl(*GOOD) + f"9\t0\t3\t5003\t{radius_m}\t0\t0\t0\t47\t181\t0\t1\n"
+        assert [message in fault_of(each).message for each in (empty, rows)] == [True, True]
     assert "without its last 1 corners" in fault_of(wpl(*GOOD) + FENCE[: FENCE.index("\n3\t") + 1]).message
 
 

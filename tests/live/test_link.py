@@ -392,6 +392,12 @@ def test_options_that_do_not_go_together(eadp, plan, options, message):
     assert refused(eadp("replan", given, "--scenario", SCENARIO, *options), message)
 
 
+def test_a_log_without_an_entry_is_not_left_behind(eadp, plan, tmp_path):
+    arguments = "replan", plan, "--scenario", SCENARIO, "--log", tmp_path / "log.jsonl"
+    assert refused(eadp(*arguments, "--replay", "README.md"), "has no flight")
+    assert not (tmp_path / "log.jsonl").exists()
+
+
 class Endless:
     """A port from which bytes never cease to come; each read takes 0.1 ms of the clock of `time`."""
 

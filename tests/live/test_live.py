@@ -362,7 +362,7 @@ def test_it_is_written_where_values_change_and_a_failure_is_said_once(tmp_path):
     for time_s in (3.0, 4.0):
         door.decided({"time_s": time_s, "parameters": {"c1": 0.0, "c2": 2.0}})
     assert len(said) == 1
-    assert "cannot be written" in said[0]
+    assert "cannot be written" in said[0].message
     (tmp_path / "there").mkdir()
     door.decided({"time_s": 5.0, "parameters": {"c1": 0.0, "c2": 2.0}})
     assert json.loads(file.read_text())["time_s"] == 5.0

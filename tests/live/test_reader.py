@@ -53,6 +53,15 @@ def test_any_value_but_the_time_may_be_null(key):
     assert (sample.position_m is None) == (key == "x_m")
 
 
+@pytest.mark.parametrize("given", [{"kind": 5}, {"kind": "px4", "RTL_TYPE": "ardupilot"}, {"RTL_TYPE": None}])
+def test_an_autopilot_has_a_kind_and_numbers(given):
+    sample, warnings = read(json.dumps({**GOOD, "autopilot": given}))
+    assert sample.mode.autopilot is None
+    assert ["autopilot cannot be" in warning for warning in warnings] == [True]
+    valid = read(json.dumps({**GOOD, "autopilot": {"kind": "px4", "RTL_TYPE": 1}}))[0].mode.autopilot
+    assert (valid.kind, valid.parameters) == ("px4", {"RTL_TYPE": 1})
+
+
 def test_missing_keys_give_one_warning_and_count_as_null():
     reader = TelemetryReader("log.jsonl")
     raw = json.dumps({"time_s": 1.0, "power_w": 36.5}).encode()

@@ -31,6 +31,12 @@ def test_the_survey_as_json(eadp):
     assert document["findings"] == []
 
 
+def test_a_circle_is_named_by_its_rotation_whatever_its_sign(eadp, tmp_path):
+    path = tmp_path / "circle.plan"
+    path.write_text("%: start 50 0\n0.1; 90; -x^2-y^2+2500\n-50, 0\n[2, 10]\n")
+    assert "circle rotation 90, gain" in eadp("plan", path).out  # which is flown clockwise
+
+
 def test_a_trigger_with_a_radius_of_its_own(eadp, tmp_path):
     path, figure = tmp_path / "two.plan", tmp_path / "two.svg"
     path.write_text("0.1; 90; x\n0, 100, 5\n0.1; 90; x\n0, 300\n")
