@@ -552,9 +552,7 @@ class Evaluator:
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
         mean_w = legs.sums((load.motion_w + (load.min_w + load.max_w) / 2) * load.times_s) / seconds
         # charge used to charge predicted: by the filter's state after the drain of the mean power
-        battery = self.mission.battery
-        volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
-        drain = drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as) * seconds
+        drain = self.mission.battery.drain_at_per_s(mean_w, known.soc) * seconds
         soc, charge_var = charge_at_end(known.charge.filtered, drain)
         return Totals(
             seconds=seconds,
@@ -605,9 +603,8 @@ class Evaluator:
         rule, way = autopilot.time_rule, self.homeward(known, 0.0)
         if rule is None or way is None:
             return False
-        volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
-        soc_per_s = float(drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as))
-        return known.soc < soc_per_s * float(rule.needed_s(way.seconds, way.climb_m))
+        needed_s = float(rule.needed_s(way.seconds, way.climb_m))
+        return known.soc < float(battery.drain_at_per_s(mean_w, known.soc)) * needed_s
 
     def _is_landing(self, stage: Stage) -> bool:
         """Whether a stage is of the landing that the plan ends with."""

@@ -169,7 +169,7 @@ class JointPlanner(Planner):
     ) -> Preflight | None:
         """The forecast before take-off, at the parameters that it would choose."""
         planner = cls(settings, mission, settings.own)
-        places, (_, known) = planner._places, before_take_off(settings, mission, wind_mps, gust_std_mps)
+        places, known = planner._places, before_take_off(settings, mission, wind_mps, gust_std_mps)
         places.enter(known)
         plan = planner._kept_plan(known)
         if planner._searchable:

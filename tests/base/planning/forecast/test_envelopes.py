@@ -17,7 +17,7 @@ from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing
 from eadp.models.world import Mission
 from eadp.planning.base import PlannerSettings, TradeOff
-from eadp.planning.forecast.envelopes import Envelopes, concave_envelope
+from eadp.planning.forecast.envelopes import Configurations, Envelopes
 
 HULL, ALGEBRA = 1e-9, 1e-9
 
@@ -51,7 +51,7 @@ fine_points = st.lists(st.tuples(fine, fine), min_size=1, max_size=9)
 @given(points=st.one_of(points, fine_points))
 def test_the_envelope_is_the_upper_hull(points):
     powers, values = (np.array(column) for column in zip(*points, strict=True))
-    envelope = concave_envelope(powers, values, numbered(len(points)))
+    envelope = Configurations(powers, values, numbered(len(points))).envelope(len(points))
     # among the points, the cheapest first, rising in both
     for p, v, (i,) in zip(envelope.powers_w, envelope.values, envelope.configurations, strict=True):
         assert (p, v) == points[int(i)]
