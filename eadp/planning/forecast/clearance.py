@@ -133,7 +133,7 @@ def _beside_m(
         across_mps = gust[1] * math.cos(course) - gust[0] * math.sin(course)
         # χ̇ = χ̇_path − k_d (Δχ + v_⊥/v + arctan(k e)); e ← e + (v sin Δχ + v_⊥) Δt
         curving = turned / step_s if leg is legs[i - 1] and step_s > 0 else 0.0
-        gain = guidance.gain_per_m if guidance.normalised else _gain_per_m(leg, *at_m[i].tolist())
+        gain = _gain_per_m(leg, *at_m[i].tolist())
         beside_m = off_m[max(i - 1, 0)]
         wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * beside_m))
         off_rad = off_rad + np.clip(wanted, -greatest[i], greatest[i]) * step_s - turned

@@ -74,14 +74,10 @@ class Envelopes:
         Weights and levels are used here.
     trade_offs : sequence of TradeOff
         Rows that the configurations keep to.
-    total : bool
-        Whether the value is the weighted sum of the computations, in place of U.
     """
 
-    def __init__(
-        self, mission: Mission, settings: PlannerSettings, trade_offs: Sequence[TradeOff], *, total: bool
-    ) -> None:
-        self._mission, self._settings, self._trade_offs, self._total = mission, settings, trade_offs, total
+    def __init__(self, mission: Mission, settings: PlannerSettings, trade_offs: Sequence[TradeOff]) -> None:
+        self._mission, self._settings, self._trade_offs = mission, settings, trade_offs
         self._rho = mission.plan.path_count
         self.shares = QualityShares(mission.plan, settings.weights)
         self._groups: list[Configurations] = []
@@ -160,7 +156,7 @@ class Envelopes:
         """
         trade_offs = [row for row in self._trade_offs if row.holds_in(stage.index)]
         path = own[: self._rho] if trade_offs else ()
-        weights = self.shares.weights if self._total else self.shares.scaled(stage.index)
+        weights = self.shares.scaled(stage.index)
         sets = tuple((box.lo, box.hi) for box in stage.sets[self._rho :])
         key = (sets, path, tuple(weights[self._rho :].tolist()), tuple(map(id, trade_offs)))
         number = self._numbers.setdefault(key, len(self._groups))
@@ -171,14 +167,11 @@ class Envelopes:
         return number
 
     def _values(self, configurations: FloatArray, sets: Sequence[Box], weights: FloatArray) -> FloatArray:
-        """Value of configurations: Σ ω c̃, or Σ ω c for the total."""
+        """Value of configurations: Σ ω c̃."""
         values = np.zeros(len(configurations))
         for k, box in enumerate(sets[self._rho :]):
-            column, weight = configurations[:, k], weights[self._rho + k]
-            if self._total:
-                values += weight * column
-            elif not box.fixed:
-                values += weight * (column - box.lo) / (box.hi - box.lo)
+            if not box.fixed:
+                values += weights[self._rho + k] * (configurations[:, k] - box.lo) / (box.hi - box.lo)
         return values
 
     def _by_power(

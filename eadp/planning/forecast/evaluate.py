@@ -70,8 +70,6 @@ class Objective:
         With which it is kept.
     losses_per_s : float
         Sudden losses of charge to expect [1/s].
-    total : bool
-        Whether the objective is the weighted sum of the computations over time, in place of the quality U.
     trade_offs : tuple of TradeOff
         Rows that the computations keep to.
     """
@@ -79,7 +77,6 @@ class Objective:
     reserve_soc: float
     probability: float = 0.95
     losses_per_s: float = 0.0
-    total: bool = False
     trade_offs: tuple[TradeOff, ...] = ()
 
 
@@ -313,7 +310,7 @@ class Evaluator:
 
     def __init__(self, mission: Mission, settings: PlannerSettings, objective: Objective) -> None:
         self.mission, self.objective = mission, objective
-        self.envelopes = Envelopes(mission, settings, objective.trade_offs, total=objective.total)
+        self.envelopes = Envelopes(mission, settings, objective.trade_offs)
         self.quantile = NormalDist().inv_cdf(objective.probability)
         stages = range(1, len(mission.plan.stages) + 1)
         # weights of the parameters in U on each stage: of the path's, and the sum of all, 0 where none has a choice
@@ -323,8 +320,7 @@ class Evaluator:
         self._counted = np.array([weights.sum() for weights in of_stages])
         self._excess_s = np.array([mission.excess.get(stage, (0.0, 0.0)) for stage in stages])
         self._way_home: tuple[Autopilot | None, WayHome | None] = (None, None)
-        self._scale_s = 0.0  # of the objective `total`; 0 until the first evaluation
-        self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
+        self.path_weight = float(self._path_weights.sum(axis=1).max(initial=0.0))
 
     def losses(self, known: Known, seconds: float | FloatArray) -> FloatArray:
         """Mean number of sudden losses of charge in a time [s]: a loss that was seen is evidence of their rate.
@@ -628,8 +624,6 @@ class Evaluator:
 
         Source: `eadp.models.plan.ground` for U.
         """
-        if self.objective.total:
-            return self._total_weights(legs, load), np.zeros(len(legs.first))
         ground_m, per_s = legs.ground(known.flown, load.times_s)
         stage, run = legs.stages - 1, known.flown.run
         # ground of the whole mission: flown, being flown, and left
@@ -640,18 +634,6 @@ class Evaluator:
         path = (self._path_weights[stage] * legs.rows.shares[legs.order, :rho]).sum(axis=1)
         seen_m = known.flown.value + per_s * run.area_s + legs.sums(ground_m * path)
         return ground_m / whole_m[legs.place], seen_m / whole_m
-
-    def _total_weights(self, legs: RouteArrays, load: RouteLoad) -> FloatArray:
-        """Weight of each leg where the objective is Σ w c summed over time: its time, scaled.
-
-        Scaled by the maximum at the first evaluation, so that the objective is at most about 1, as U is.
-        """
-        if not self._scale_s:
-            plan, weights = self.mission.plan, self.envelopes.shares.weights
-            rho = plan.path_count
-            highest = sum(float(weights[i]) * plan.hull(i).hi for i in range(rho, len(weights)))
-            self._scale_s = max(highest, 1e-12) * max(float(legs.sums(load.times_s)[0]), 1.0)
-        return load.times_s / self._scale_s
 
     def _available(
         self,
