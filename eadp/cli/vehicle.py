@@ -97,8 +97,9 @@ def _sheet(vehicle: VehicleFile) -> list[str]:
     ]
     return [
         f"data sheet     {', '.join(powers)}",
-        f"               wing area {own.wing_area_m2:.2g} m², "
-        f"drag coefficient C_D0 {own.zero_lift_drag_coefficient:.2g}, efficiency of the propulsion {own.propulsive_efficiency:.2g}, Oswald's e {own.oswald_efficiency:.2g}",
+        f"               wing area {own.wing_area_m2:.2g} m², drag coefficient "
+        f"C_D0 {own.zero_lift_drag_coefficient:.2g}, efficiency of the propulsion {own.propulsive_efficiency:.2g}, "
+        f"Oswald's e {own.oswald_efficiency:.2g}",
         f"assumed        avionics {wing.avionics_w:.3g} W, motor up to {wing.max_power_w:.3g} W, stall at a lift "
         f"coefficient of {wing.max_lift_coefficient:g}; eadp fit LOG --vehicle measures the power",
     ]
