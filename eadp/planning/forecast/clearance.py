@@ -21,7 +21,7 @@ from eadp.models.plan.stage import Leg, leg_points
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
 from eadp.models.world import Mission
-from eadp.planning.state.climb import Climb, ClimbFollower
+from eadp.planning.state.climb import ClimbFollower
 from eadp.planning.state.known import Known
 
 FLIGHTS = 200
@@ -153,35 +153,29 @@ MAX_SLOWED = 0.9
 
 
 def with_climbs(
-    climb: Climb,
-    route: Route,
-    airspeeds_mps: FloatArray,
-    whole_s: FloatArray,
-    times_s: FloatArray,
-    motion_w: FloatArray,
-    climb_j_per_m: float,
+    known: Known, route: Route, speeds_mps: FloatArray, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times [s], mean and greatest motion powers [W] of a route's legs with climbs, shape (legs,).
 
     Parameters
     ----------
-    climb : Climb
-        Where the aircraft is now.
+    known : Known
+        With the altitude now.
     route : Route
-    airspeeds_mps : array, shape (legs,)
+    speeds_mps : array, shape (legs,)
         Airspeed of each leg [m/s].
     whole_s : array, shape (legs,)
         Time of each leg from its start in level flight [s].
     times_s, motion_w : array, shape (legs,)
         Time left of each leg [s] and motion power [W] in level flight.
-    climb_j_per_m : float
-        Energy of a metre of climb [J/m].
 
     Source: energy of a climb m g Δh / η; ground speed by V cos γ.
     """
     times, added_w, peak_w = times_s.tolist(), [0.0] * len(times_s), [0.0] * len(times_s)
+    climb, climb_j_per_m = known.climb, known.motion.climb_j_per_m
+    assert climb is not None
     here_m, j_per_m = climb.altitude_m, max(climb.take_off_j_per_m, climb_j_per_m)
-    for i, (stage, airspeed_mps) in enumerate(zip(route.of_legs, airspeeds_mps.tolist(), strict=True)):
+    for i, (stage, airspeed_mps) in enumerate(zip(route.of_legs, speeds_mps.tolist(), strict=True)):
         altitude_m = climb.commanded_m(stage)
         up_mps, down_mps = climb.rates_mps(airspeed_mps)
         rate_mps = up_mps if altitude_m > here_m else -down_mps

@@ -267,6 +267,18 @@ class Evaluation:
         return max(self.evaluator.objective.reserve_soc, float(self.own.turns_back_soc[0]))
 
 
+class _Rest(NamedTuple):
+    """Routes that can be flown from a moment of a flight: what is known then, the routes, and their legs in a row.
+
+    `groups` are those of the legs' configurations, shape (legs,).
+    """
+
+    known: Known
+    routes: Sequence[Route]
+    legs: RouteArrays
+    groups: IntArray
+
+
 class _LegTimes(NamedTuple):
     """Times of whole legs.
 
@@ -392,12 +404,11 @@ class Evaluator:
             index = np.flatnonzero(flyable)
             if not len(index):
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
-            rest_mps = None if airspeeds_mps is None else airspeeds_mps[index]
-            rest = self.evaluate(known, [routes[i] for i in index.tolist()], rest_mps)
-            return replace(rest, index=index[rest.index])
-        groups = self.envelopes.groups(routes[0].table, legs.order)
-        load, totals = self._load(known, routes, legs, times, groups)
-        found = self._evaluation(known, routes, legs, groups, load, totals)
+            others_mps = None if airspeeds_mps is None else airspeeds_mps[index]
+            others = self.evaluate(known, [routes[i] for i in index.tolist()], others_mps)
+            return replace(others, index=index[others.index])
+        rest = _Rest(known, routes, legs, self.envelopes.groups(routes[0].table, legs.order))
+        found = self._evaluation(rest, *self._load(rest, times))
         return replace(found, airspeeds_mps=airspeeds_mps)
 
     def _leg_times(self, known: Known, legs: RouteArrays, airspeeds_mps: FloatArray | None) -> _LegTimes:
@@ -414,17 +425,16 @@ class Evaluator:
         excess_s, excess_turning_s = self._excess_s[legs.stages - 1].T
         return _LegTimes(flown_mps, on_path_s + excess_s, np.maximum(turning_s[0] + excess_turning_s, 0.0), excess_s)
 
-    def _load(
-        self, known: Known, routes: Sequence[Route], legs: RouteArrays, times: _LegTimes, groups: IntArray
-    ) -> tuple[RouteLoad, Totals]:
-        """Mean times and powers of the legs of routes that can be flown, and their totals; see `evaluate`."""
+    def _load(self, rest: _Rest, times: _LegTimes) -> tuple[RouteLoad, Totals]:
+        """Mean times and powers of the legs, and their totals without `soc_per_j`; see `evaluate`."""
+        known, _, legs, groups = rest
         # mean times over the wind's distribution; of the first leg of each route only a part is left
         factor, wind_var = _wind_effect(legs.sums(times.in_winds_s.T))
         shortest_s = np.maximum(legs.sums(times.in_winds_s[0]), 1e-3)
         wind_var += OVERSHOOT_SHARE**2 * legs.sums(times.excess_s**2) / shortest_s**2
         whole_s, turning_s = times.in_winds_s[0] * factor[legs.place], times.turning_s * factor[legs.place]
         part = np.ones(len(whole_s))
-        part[legs.first] = self._left(known, legs, routes, whole_s)
+        part[legs.first] = self._left(rest, whole_s)
         left_s = whole_s * part * known.time.ratio
         # y = level · a + (flat + turn · tan²φ) b, between 0 and the motor's maximum
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
@@ -436,26 +446,16 @@ class Evaluator:
         peak_w = motion_w
         if known.climb is not None:
             on_path_s = (times.in_winds_s[0] - times.excess_s) * factor[legs.place]
-            left_s, motion_w, peak_w = self._climbed(known, routes, times.flown_mps, on_path_s, left_s, motion_w)
+            left_s, motion_w, peak_w = self._climbed(rest, times.flown_mps, on_path_s, left_s, motion_w)
         # the peak is above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
         extremes_w = self.envelopes.extremes_w()[groups]
         load = RouteLoad(left_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
-        return load, self._totals(known, legs, load, (level_s, bank_s), wind_var)
+        return load, self._totals(rest, load, (level_s, bank_s), wind_var)
 
-    def _evaluation(
-        self,
-        known: Known,
-        routes: Sequence[Route],
-        legs: RouteArrays,
-        groups: IntArray,
-        load: RouteLoad,
-        totals: Totals,
-    ) -> Evaluation:
-        """Charge and computations of routes, by the times and powers of their legs: the second half of `evaluate`.
-
-        `groups` are those of the legs' configurations, shape (legs,); `totals` are without `soc_per_j`.
-        """
+    def _evaluation(self, rest: _Rest, load: RouteLoad, totals: Totals) -> Evaluation:
+        """Charge and computations of routes, by the times and powers of their legs: the second half of `evaluate`."""
+        known, routes, legs, groups = rest
         # the voltage on each leg, and the configurations that the battery's limits of power leave
         battery, reserve_soc = self.mission.battery, self.objective.reserve_soc
         limits = power_limits(legs, load, battery, known.soc, reserve_soc, totals.use_ratio)
@@ -465,7 +465,7 @@ class Evaluator:
         slope = current_slope_a_per_w(totals.mean_w, mean_v, battery.resistance_ohm)
         totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio * slope)
         # the charge at the end, and what it leaves for the computations
-        own = self._own(known, routes, legs, load, totals)
+        own = self._own(rest, load, totals)
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
         use, values = self._vertex_use(legs, load, kinds, limits, totals), self.envelopes.table.values[kinds]
         base_use = legs.sums(use[:, 0])
@@ -481,8 +481,9 @@ class Evaluator:
         index = np.arange(len(routes))
         return Evaluation(self, known, list(routes), index, legs, load, kinds, limits, totals, std, knapsack, own)
 
-    def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
+    def _left(self, rest: _Rest, whole_s: FloatArray) -> FloatArray:
         """Share of the first leg of each route that is left, shape (routes,); `whole_s` are the times of whole legs."""
+        known, routes, legs, _ = rest
         # routes with the same first leg have one share
         _, different, of = np.unique(legs.order[legs.first], return_index=True, return_inverse=True)
         legs_s = (whole_s[legs.first] * known.time.ratio).tolist()
@@ -509,42 +510,29 @@ class Evaluator:
             return 1.0 - flown
 
     def _climbed(
-        self,
-        known: Known,
-        routes: Sequence[Route],
-        airspeeds_mps: FloatArray,
-        whole_s: FloatArray,
-        times_s: FloatArray,
-        motion_w: FloatArray,
+        self, rest: _Rest, airspeeds_mps: FloatArray, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Times [s], mean and greatest motion powers [W] of all legs with climbs, shape (legs,); see `with_climbs`.
 
         `whole_s` are the times of whole legs, `times_s` those left, and `motion_w` the powers, all in level flight.
         """
-        assert known.climb is not None
-        of_routes, first, per_m = [], 0, known.motion.climb_j_per_m
-        for route in routes:
-            mine = slice(first, first + len(route.order))
+        known, of_routes = rest.known, []
+        for route, first, last in zip(rest.routes, rest.legs.first.tolist(), rest.legs.last.tolist(), strict=True):
+            mine = slice(first, last + 1)
             whole = whole_s[mine] * known.time.ratio
-            speeds = airspeeds_mps[mine]
-            of_routes.append(with_climbs(known.climb, route, speeds, whole, times_s[mine], motion_w[mine], per_m))
-            first = mine.stop
+            of_routes.append(with_climbs(known, route, airspeeds_mps[mine], whole, times_s[mine], motion_w[mine]))
         times, motion, peak = (np.concatenate(arrays) for arrays in zip(*of_routes, strict=True))
         return times, motion, np.maximum(peak, motion)
 
     def _totals(
-        self,
-        known: Known,
-        legs: RouteArrays,
-        load: RouteLoad,
-        by_power_s: tuple[FloatArray, FloatArray],
-        wind_var: FloatArray,
+        self, rest: _Rest, load: RouteLoad, by_power_s: tuple[FloatArray, FloatArray], wind_var: FloatArray
     ) -> Totals:
         """Sums over each route; `soc_per_j` is NaN until the voltage on the legs is known, see `_evaluation`.
 
         `by_power_s` are the derivatives of each route's energy by a and b, at the airframe's own airspeed its time and
         the time integral of tan² φ [s]; `wind_var` is the variance of the time's logarithm due to the wind.
         """
+        known, legs = rest.known, rest.legs
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
         mean_w = legs.sums((load.motion_w + (load.min_w + load.max_w) / 2) * load.times_s) / seconds
         # charge used to charge predicted: by the filter's state after the drain of the mean power
@@ -560,10 +548,9 @@ class Evaluator:
             soc_per_j=np.full_like(seconds, math.nan),
         )
 
-    def _own(
-        self, known: Known, routes: Sequence[Route], legs: RouteArrays, load: RouteLoad, totals: Totals
-    ) -> AutopilotsOwn:
+    def _own(self, rest: _Rest, load: RouteLoad, totals: Totals) -> AutopilotsOwn:
         """What the autopilot that is known does on its own."""
+        known, routes, legs, _ = rest
         autopilot, way = known.autopilot, self.way_home(known)
         own = AutopilotsOwn(*np.zeros((3, len(routes))))
         if autopilot.kind is None:
