@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.flight import WindReadings
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor
@@ -267,7 +268,7 @@ class FlightState:
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
         if not on_plan:  # the airspeed is another than commanded
             vx = np.where(possible, vx, math.nan)
-        self._wind.ingest((vx, vy), headings, steps_s, airspeeds_mps, self._last_s)
+        self._wind.ingest(WindReadings(vx, vy, headings, steps_s, airspeeds_mps), self._last_s)
         if on_plan:
             # the power of a measured climb is a term of the regression; that of a commanded one is subtracted before
             beside_w = self._place.computing_w + (climb_w if climb_mps is None else 0.0)
