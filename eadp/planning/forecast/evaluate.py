@@ -470,13 +470,18 @@ class Evaluator:
         use, values = self._vertex_use(legs, load, kinds, limits, totals), self.envelopes.table.values[kinds]
         base_use = legs.sums(use[:, 0])
         weight, base = self._weights(known, legs, load)
+        available = self._available(known, limits, totals, std, own)
+        # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
+        # minimum power uses is available, less the excess
+        excess = limits.beyond_w * totals.seconds * totals.soc_per_j
+        available = np.where(limits.beyond_w > 0, np.minimum(available, base_use) - excess, available)
         knapsack = Knapsack(
             use=np.diff(use, axis=1),
             gain=np.diff(values, axis=1) * weight[:, None],
             place=legs.place,
             base_use=base_use,
             base_value=base + legs.sums(weight * values[:, 0]),
-            available=self._available(known, limits, totals, std, base_use, own),
+            available=available,
         )
         index = np.arange(len(routes))
         return Evaluation(self, known, list(routes), index, legs, load, kinds, limits, totals, std, knapsack, own)
@@ -623,28 +628,15 @@ class Evaluator:
         return ground_m / whole_m[legs.place], seen_m / whole_m
 
     def _available(
-        self,
-        known: Known,
-        limits: PowerLimits,
-        totals: Totals,
-        std: FloatArray,
-        base_use: FloatArray,
-        own: AutopilotsOwn,
+        self, known: Known, limits: PowerLimits, totals: Totals, std: FloatArray, own: AutopilotsOwn
     ) -> FloatArray:
-        """State of charge that may be used so that the reserve is kept with its probability, shape (routes,).
-
-        `base_use` is what minimum power uses of it.
-        """
+        """State of charge that may be used so that the reserve is kept with its probability, shape (routes,)."""
         # the charge less the expected losses, and what the autopilot's return takes: the level that it exceeds with the
         # probability if nothing is used
         soc = known.soc - self.losses(known, totals.seconds) * LOSS - totals.soc_per_j * own.joules
         floor = np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
-        available = soc - self.quantile * std - floor
-        # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
-        # minimum power uses is available, less the excess
-        excess = limits.beyond_w * totals.seconds * totals.soc_per_j
-        short: FloatArray = np.minimum(available, base_use) - excess
-        return np.where(limits.beyond_w > 0, short, available)
+        available: FloatArray = soc - self.quantile * std - floor
+        return available
 
 
 def _wind_effect(times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
