@@ -21,7 +21,7 @@ from eadp.models.plan.stage import Leg, leg_points
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
 from eadp.models.world import Mission
-from eadp.planning.state.climb import ClimbFollower
+from eadp.planning.state.climb import ClimbFollower, climb_rates_mps
 from eadp.planning.state.known import Known
 
 FLIGHTS = 200
@@ -177,7 +177,7 @@ def with_climbs(
     here_m, j_per_m = climb.altitude_m, max(climb.take_off_j_per_m, climb_j_per_m)
     for i, (stage, airspeed_mps) in enumerate(zip(route.of_legs, speeds_mps.tolist(), strict=True)):
         altitude_m = climb.commanded_m(stage)
-        up_mps, down_mps = climb.rates_mps(airspeed_mps)
+        up_mps, down_mps = climb_rates_mps(climb.airframe, airspeed_mps)
         rate_mps = up_mps if altitude_m > here_m else -down_mps
         if altitude_m == here_m or rate_mps == 0 or times[i] <= 0:
             continue
