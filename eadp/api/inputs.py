@@ -37,9 +37,9 @@ from eadp.models.profile import Profile, configuration_text
 from eadp.models.vehicle import Airframe
 from eadp.models.world import Mission, TakeOff, Timing, World
 from eadp.planning.base import PlannerSettings
+from eadp.planning.forecast.clearance import entering
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import PlannedFlight, make_flight, planner_class
-from eadp.planning.state.climb import ClimbFollower
 from eadp.plug_ins import code_identity
 from eadp.simulation.nominal import MOST, Overshoot, overshoot_findings, overshoots
 
@@ -154,19 +154,12 @@ class FlightInputs:
         if self.mission.battery.prescribed:
             return None
         found, world = self._before_take_off(self.scenario.planner), self.world
-        wind, airspace = world.wind, world.mission.plan.site.airspace
         if found is not None and set(found.airspeeds_mps) - {self.mission.cruise_mps}:
             found = replace(found, at_cruise=self.at_one_airspeed().preflight(whole=False))
-        if found is None or not whole or not any(airspace):
+        if found is None or not whole or not any(self.mission.plan.site.airspace):
             return found
-        from eadp.planning.forecast import clearance  # few plans have obstacles
-
-        gusts = wind.gust_std_mps, wind.gust_time_s
-        legs, climb = found.planned(self.mission).legs, ClimbFollower.of(self.mission)
-        entered = clearance.entering(
-            legs, airspace, world.mission.vehicle, world.guidance, wind.steady_mps, gusts, climb
-        )
-        return replace(found, entering=entered)
+        legs = found.planned(self.mission).legs
+        return replace(found, entering=entering(self.mission, legs, world.guidance, world.wind))
 
     def _before_take_off(self, settings: PlannerSettings) -> Preflight | None:
         """The planner's forecast before take-off."""

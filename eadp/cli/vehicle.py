@@ -95,16 +95,11 @@ def _sheet(vehicle: VehicleFile) -> list[str]:
         f"{own.level_power_w(speed):.4g} W ± {100 * found.power_std_at(speed):.0f} % at {speed:.3g} m/s"
         for speed in (ratio * sheet.airspeed_mps for ratio in (0.8, 1.0, 1.2))
     ]
-    names = {
-        "wing_area_m2": "wing area [m²]",
-        "zero_lift_drag_coefficient": "drag coefficient C_D0",
-        "oswald_efficiency": "Oswald's e",
-        "propulsive_efficiency": "efficiency of the propulsion",
-    }
-    shares = {key: f" ± {100 * std:.0f} %" if std else " as stated" for key, std in found.stds.items()}
     return [
         f"data sheet     {', '.join(powers)}",
-        f"               {', '.join(f'{names[key]} {found.keys[key]:.2g}{share}' for key, share in shares.items())}",
+        f"               wing area {own.wing_area_m2:.2g} m², drag coefficient "
+        f"C_D0 {own.zero_lift_drag_coefficient:.2g}, efficiency of the propulsion {own.propulsive_efficiency:.2g}, "
+        f"Oswald's e {own.oswald_efficiency:.2g}",
         f"assumed        avionics {wing.avionics_w:.3g} W, motor up to {wing.max_power_w:.3g} W, stall at a lift "
         f"coefficient of {wing.max_lift_coefficient:g}; eadp fit LOG --vehicle measures the power",
     ]

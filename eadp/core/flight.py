@@ -106,6 +106,26 @@ class WindState(NamedTuple):
     gusts: Gusts
 
 
+class WindReadings(NamedTuple):
+    """Readings in order that show the wind, each a column of shape (n,).
+
+    Attributes
+    ----------
+    vx_mps, vy_mps : sequence of float or array
+        Velocities over ground [m/s]; NaN is no reading.
+    headings_rad : sequence of float or array
+        Directions of the nose, 0 east, counter-clockwise [rad]; NaN where it is not known.
+    steps_s, airspeeds_mps : sequence of float or array
+        Times since the last reading [s]; airspeeds s [m/s].
+    """
+
+    vx_mps: Column
+    vy_mps: Column
+    headings_rad: Column
+    steps_s: Column
+    airspeeds_mps: Column
+
+
 class WindFilter:
     """Kalman filter of the mean wind from velocity over ground, and heading where it is known.
 
@@ -146,40 +166,17 @@ class WindFilter:
         wind = self._state.wind
         return wind.var_x, wind.var_y, wind.cov_xy
 
-    def ingest(
-        self, vx_mps: Column, vy_mps: Column, headings_rad: Column, steps_s: Column, airspeeds_mps: Column
-    ) -> None:
-        """Take readings in order.
-
-        Parameters
-        ----------
-        vx_mps, vy_mps : sequence of float or array, shape (n,)
-            Velocities over ground [m/s]; NaN is no reading.
-        headings_rad : sequence of float or array, shape (n,)
-            Headings [rad]; NaN where it is not known.
-        steps_s : sequence of float or array, shape (n,)
-            Times since the last reading [s].
-        airspeeds_mps : sequence of float or array, shape (n,)
-            s [m/s].
-        """
-        ingested = jitted(_ingested)
-        readings = columns(vx_mps, vy_mps, headings_rad, steps_s, airspeeds_mps)
-        self._state = ingested(self._state, self._gust_time_s, *readings)
+    def ingest(self, readings: WindReadings) -> None:
+        """Take readings in order."""
+        self._state = jitted(_ingested)(self._state, self._gust_time_s, WindReadings(*columns(*readings)))
 
 
 # The functions below may be compiled, see `eadp.core.compiled`.
 
 
-def _ingested(
-    state: WindState,
-    gust_time_s: float,
-    vx_mps: Column,
-    vy_mps: Column,
-    headings_rad: Column,
-    steps_s: Column,
-    airspeeds_mps: Column,
-) -> WindState:
+def _ingested(state: WindState, gust_time_s: float, readings: WindReadings) -> WindState:
     """See `WindFilter.ingest`."""
+    vx_mps, vy_mps, headings_rad, steps_s, airspeeds_mps = readings
     for i in range(len(steps_s)):
         vx, vy, heading_rad, step_s = vx_mps[i], vy_mps[i], headings_rad[i], max(steps_s[i], 1e-3)
         airspeed_mps = airspeeds_mps[i]

@@ -61,21 +61,6 @@ def heading_rate_radps(jet: Jet, vx: float, vy: float, k_e: float, k_d: float, s
     return turn + k_d * (vx * dy - vy * dx) / math.sqrt(square * speed_square)
 
 
-def normalised_jet(jet: Jet) -> Jet:
-    """The jet of φ/‖∇φ‖, the distance to the path to first order [m], so that one gain serves lines and circles.
-
-    The gradient's norm is held constant in the derivatives: on the path that is exact for the first ones.
-
-    Source: ours; the papers' gains are 3e-4 on circles and 5e-2 on lines.
-    """
-    phi, gx, gy, hxx, hxy, hyy = jet
-    norm = math.sqrt(gx * gx + gy * gy)
-    if norm < 1e-9:
-        return jet
-    s = 1.0 / norm
-    return phi * s, gx * s, gy * s, hxx * s, hxy * s, hyy * s
-
-
 def wind_factor(vx: float, vy: float, air_x: float, air_y: float) -> float:
     """Ratio of the heading's turn rate to the course's in wind.
 

@@ -7,11 +7,10 @@ is fixed: a configuration with another value there is outside the measured range
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,10 +25,9 @@ EDGE = 1e-9
 """Tolerance at the edge of the measured range, as a fraction of it: rounding, not extrapolation."""
 
 
-class _Piece(ABC):
-    """An interpolation over the varying coordinates, inside their box."""
+class _Piece(Protocol):
+    """An interpolation over the varying coordinates, inside their box; `nearest` is within the measured ones' hull."""
 
-    @abstractmethod
     def at(self, point: Sequence[float]) -> float: ...
 
     def nearest(self, point: Sequence[float]) -> Sequence[float]:
@@ -71,27 +69,6 @@ class Interpolant:
             if not low <= value <= high:
                 raise Infeasible(f"{tuple(configuration)} is outside the measured range")
         return self._piece.at(self._varying_part(self.clipped(configuration)))
-
-    def __call__(self, configurations: ArrayLike) -> FloatArray:
-        """Values at many configurations.
-
-        Parameters
-        ----------
-        configurations : array, shape (…, d)
-
-        Returns
-        -------
-        array, shape (…)
-            Interpolated values.
-
-        Raises
-        ------
-        Infeasible
-            If one of them is outside the measured range.
-        """
-        asked = np.asarray(configurations, dtype=np.float64)
-        points = asked.reshape(-1, len(self.lower)).tolist()
-        return np.array([self.at(point) for point in points]).reshape(asked.shape[:-1])
 
     def contains(self, configuration: Sequence[float]) -> bool:
         """Whether `at` has a value for a configuration of d floats."""

@@ -221,7 +221,8 @@ def _draw_family(axes: Axes, part: Profile, along: int, others: list[int], level
         at[:, along] = fine
         at[:, others] = values
         label = ", ".join(f"{part.names[axis]} = {value:g}" for axis, value in zip(others, values, strict=True))
-        axes.plot(fine, part.interpolant(at), color=colour, linewidth=1.4, label=label or "model")
+        powers_w = [part.interpolant.at(each) for each in at.tolist()]
+        axes.plot(fine, powers_w, color=colour, linewidth=1.4, label=label or "model")
         rows = np.flatnonzero(np.all(part.configurations[:, others] == np.array(values), axis=1))
         _draw_points(axes, part, rows, along, colour)
     axes.set_xlabel(titles(part.names, part.units)[along])

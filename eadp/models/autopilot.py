@@ -144,12 +144,6 @@ class Autopilot:
         climb_mps = self.value("FW_T_CLMB_R_SP") or FACTORY[PX4]["FW_T_CLMB_R_SP"]
         return TimeRule(self.value("RTL_TIME_FACTOR") or 0.0, self.value("RTL_TIME_MARGIN") or 0.0, climb_mps)
 
-    @property
-    def turns_back(self) -> bool:
-        """Whether it may give a mission up by itself."""
-        by_charge = self.kind == PX4 and self.value("COM_LOW_BAT_ACT") in ON_CRITICAL
-        return self.time_rule is not None or by_charge or any(map(self.value, ("BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT")))
-
     def low_soc(self, battery: Battery, power_w: FloatArray) -> FloatArray:
         """State of charge below which it gives the mission up by its battery's limits, 0 where by none; as `power_w`.
 

@@ -204,6 +204,10 @@ class Battery:
         """
         return drain_per_s(power_w, voltage_v, self.resistance_ohm, self.drain_per_as)
 
+    def drain_at_per_s(self, power_w: Any, soc: float) -> Any:
+        """As `drain_per_s`, at a state of charge, which may be beyond 0 and 1."""
+        return self.drain_per_s(power_w, self.voltage_at(min(max(soc, 0.0), 1.0)))
+
     @property
     def drain_per_as(self) -> float:
         """State of charge that an ampere takes in a second, k_b / Q_c [1/(A s)]."""

@@ -95,13 +95,10 @@ class SheetEstimate:
     sheet : DataSheet
     keys : dict
         Of a `FixedWing`.
-    stds : dict
-        Relative standard deviations of some keys.
     """
 
     sheet: DataSheet
     keys: dict[str, Any]
-    stds: dict[str, float]
     _covariance: FloatArray
     _drags_n: tuple[float, float]
 
@@ -186,14 +183,7 @@ def estimate(
         "max_power_w": MOTOR * power_w,
         "airspeed_mps": speed,
     }
-    drag_std, efficiency_std, oswald_std = np.sqrt(np.diag(covariance)).tolist()
-    stds = {
-        "wing_area_m2": area_std,
-        "zero_lift_drag_coefficient": math.hypot(drag_std, area_std),
-        "propulsive_efficiency": efficiency_std,
-        "oswald_efficiency": oswald_std,
-    }
-    return SheetEstimate(sheet, keys, stds, covariance, drags_n(x))
+    return SheetEstimate(sheet, keys, covariance, drags_n(x))
 
 
 def _slope(flat_n: float, induced_n: float) -> FloatArray:

@@ -105,7 +105,7 @@ class Profile:
 
     @cached_property
     def interpolant(self) -> Interpolant:
-        """The interpolation of power [W] over the configurations; vectorised when called."""
+        """The interpolation of power [W] over the configurations."""
         return interpolant(self.configurations, self.power_w, self.interpolation)
 
     def power_w_at(self, configuration: Sequence[float], clamp: bool = False) -> float:

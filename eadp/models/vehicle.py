@@ -490,9 +490,3 @@ class Guidance:
 
     wind_corrected: bool = True
     """Turn the heading by as much more as the course needs in wind."""
-
-    normalised: bool = False
-    """Follow φ/‖∇φ‖ with the one gain `gain_per_m`, instead of φ with the plan's."""
-
-    gain_per_m: Annotated[float, Gt(0), Le(1e3)] = 0.05
-    """Gain of the normalised path function [1/m]."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from eadp.core.expressions.derivatives import Jet
 from eadp.core.geometry.curves import Point
-from eadp.core.guidance import GRAVITY_MPS2, heading_rate_radps, normalised_jet, wind_factor
+from eadp.core.guidance import GRAVITY_MPS2, heading_rate_radps, wind_factor
 from eadp.models.vehicle import Airframe, FixedWing, Guidance, PaperVehicle, PowerCurve
 from eadp.models.weather import Wind
 
@@ -28,13 +28,13 @@ AIRCRAFT_STATE = 16
 """Position [m], heading and bank [rad], climb, ground velocity, air velocity, airspeed, wind and gust [m/s]; how many
 random numbers are left. Climb is the vertical speed, velocities are along x and y."""
 
-MODEL, STEP_S, K_D, CORRECTED, NORMALISED, GAIN_PER_M, STEADY_X, STEADY_Y, GUSTS, GUST_KEPT, GUST_NEW = range(11)
-MASS, WEIGHT, CRUISE_M, HEIGHT_GAIN, SPEED_HELD = range(11, 16)
-LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(16, 23)
-PARASITIC, INDUCED, MIN_SPEED, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
-POINTS = 26
-AIRCRAFT_CONSTANTS = 27
-"""Constants of every vehicle, and from 16 on those of the papers' aircraft, or in their place those of an aeroplane.
+MODEL, STEP_S, K_D, CORRECTED, STEADY_X, STEADY_Y, GUSTS, GUST_KEPT, GUST_NEW = range(9)
+MASS, WEIGHT, CRUISE_M, HEIGHT_GAIN, SPEED_HELD = range(9, 14)
+LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(14, 21)
+PARASITIC, INDUCED, MIN_SPEED, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(14, 24)
+POINTS = 24
+AIRCRAFT_CONSTANTS = 25
+"""Constants of every vehicle, and from 14 on those of the papers' aircraft, or in their place those of an aeroplane.
 After all constants of a flight come the `POINTS` airspeeds of a power curve [m/s], and the drag at each [N]."""
 
 PAPER_MODEL, AEROPLANE_MODEL = 0.0, 1.0
@@ -54,8 +54,6 @@ def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: flo
         step_s,
         guidance.k_d,
         float(guidance.wind_corrected),
-        float(guidance.normalised),
-        guidance.gain_per_m,
         *wind.steady_mps,
         float(wind.gust_std_mps != 0),
         kept,
@@ -271,8 +269,6 @@ def _curve_drag_n(c: Constants, speed: float) -> float:
 
 def _guided_radps(s: State, c: Constants, jet: Jet, gain: float, sense: float, air_x: float, air_y: float) -> float:
     """The heading rate that the guidance commands [rad/s]."""
-    if c[NORMALISED] != 0.0:
-        jet, gain = normalised_jet(jet), c[GAIN_PER_M]
     rate = heading_rate_radps(jet, s[VX], s[VY], gain, c[K_D], sense)
     if c[CORRECTED] != 0.0:
         rate *= wind_factor(s[VX], s[VY], air_x, air_y)

@@ -18,7 +18,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import (
     Ring,
-    covered_share,
+    covered_shares,
     ground_m2,
     inner_point,
     uncovered,
@@ -80,7 +80,7 @@ class PathReport:
 
 def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
     """Share of a field that the lines of a path cover; turns cover nothing."""
-    return covered_share(field.parts, path.sensed_m, swath_m)
+    return covered_shares(field.parts, [path.sensed_m], swath_m)[-1]
 
 
 def rounded_deg(heading_rad: float, digits: int) -> float:

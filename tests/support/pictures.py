@@ -65,7 +65,7 @@ def speed_to_fly(made: Path) -> Path:
 
     inputs = load_flight(str(plan), overrides=settings)
     planner = JointPlanner(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.own)
-    _, known = before_take_off(inputs.scenario.planner, inputs.mission, (2 * 3**0.5, 2.0), 0.0)
+    known = before_take_off(inputs.scenario.planner, inputs.mission, (2 * 3**0.5, 2.0), 0.0)
     planner._places.enter(known)
     here = planner._places.shares
     paces, _ = planner._places.paces(known, here)

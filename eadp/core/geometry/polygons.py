@@ -165,13 +165,6 @@ def _union(parts: Sequence[Sequence[ArrayLike]]) -> shapely.Geometry:
     return polygons[0] if len(polygons) == 1 else shapely.union_all(polygons)
 
 
-def covered_share(
-    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[Sequence[Point]], swath_m: float
-) -> float:
-    """Share of a field within half a swath of lines, square to their ends; arguments as of `covered_shares`."""
-    return covered_shares(parts, [[line] for line in lines], swath_m)[-1]
-
-
 def covered_shares(
     parts: Sequence[Sequence[Sequence[Point]]], tracks: Sequence[Sequence[Sequence[Point]]], swath_m: float
 ) -> list[float]:

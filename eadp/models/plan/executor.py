@@ -122,16 +122,9 @@ class TriggerWatch:
         Progress along a general curve.
     """
 
-    def __init__(
-        self,
-        cursor: PlanCursor,
-        path: PathFunction,
-        trigger: Point,
-        joined_m: Point,
-        position_m: Point,
-        before: TriggerWatch | None,
-    ) -> None:
-        """`joined_m` is where the stage was joined; `before` is the same stage's watch before its path was moved."""
+    def __init__(self, flown: PlanExecutor, position_m: Point, before: TriggerWatch | None) -> None:
+        """The stage that is flown, from a position [m]; `before` is its watch before its path was moved."""
+        cursor, trigger = flown.cursor, flown.trigger_m
         plan, rules = cursor.table.plan, cursor.table.rules
         radius = plan.radius_m(cursor.stage)
         w = self.numbers = [0.0] * WATCHED
@@ -143,7 +136,7 @@ class TriggerWatch:
         if rules.box_triggers:
             return
         armed = math.dist(trigger, position_m) > radius
-        length_m = self._watch_passing(cursor, path, trigger, joined_m, position_m, before)
+        length_m = self._watch_passing(flown, position_m, before)
         w[ARMED : LAST_Y + 1] = [float(armed), 0.0, length_m / 2, *position_m]
 
     def events(self, x: float, y: float) -> int:
@@ -171,19 +164,11 @@ class TriggerWatch:
         self.numbers[GONE] += 2 * math.pi * round(turns)
         self.numbers[REACH_SQUARED] = 0.0
 
-    def _watch_passing(
-        self,
-        cursor: PlanCursor,
-        path: PathFunction,
-        trigger: Point,
-        joined_m: Point,
-        position_m: Point,
-        before: TriggerWatch | None,
-    ) -> float:
+    def _watch_passing(self, flown: PlanExecutor, position_m: Point, before: TriggerWatch | None) -> float:
         """Watch the progress along the path that passes the trigger; return the stage's nominal length [m]."""
-        (ox, oy), w = cursor.offset_m, self.numbers
-        local, join = (trigger[0] - ox, trigger[1] - oy), (joined_m[0] - ox, joined_m[1] - oy)
-        track = cursor.stage.track(path, local)
+        (ox, oy), w = flown.cursor.offset_m, self.numbers
+        local, join = ((x - ox, y - oy) for x, y in (flown.trigger_m, flown.joined_m))
+        track = flown.stage.track(flown.path, local)
         length_m = abs(track.ahead_m(join))
         if isinstance(track, LineTrack):
             w[PASSED_BY : ALONG_Y + 1] = [BY_LINE, *track.line.direction]
@@ -197,7 +182,7 @@ class TriggerWatch:
                 _turned(before.numbers, *position_m)
                 self._add_turns((before.numbers[GONE] - w[GONE]) / (2 * math.pi))
         elif math.isfinite(length_m):
-            self.curve = CurveProgress(path, cursor.stage.sense, length_m, cursor.offset_m, track.nearest(join))
+            self.curve = CurveProgress(flown.path, flown.stage.sense, length_m, (ox, oy), track.nearest(join))
             self.curve(*position_m)
             if before is not None and before.curve is not None:
                 self.curve.progress_m = before.curve.progress_m
@@ -412,7 +397,7 @@ class PlanExecutor:
         cursor = self.cursor
         self.path, (x, y), (ox, oy) = cursor.path(), cursor.local_trigger_m(), cursor.offset_m
         self.trigger_m = (x + ox, y + oy)
-        self.watch = TriggerWatch(cursor, self.path, self.trigger_m, self.joined_m, position, before)
+        self.watch = TriggerWatch(self, position, before)
         self.form = _form(cursor.stage, self.path, (x, y))
 
 

@@ -85,8 +85,6 @@ class LegTable:
         no_sets = (Box(0.0, 0.0),) * len(plan.names)
         self._sets = [[(box.lo, box.hi - box.lo) for box in own or no_sets] for own in plan.quality_sets]
         self._nodes: list[Nodes] = []
-        self._contents: dict[object, int] = {}
-        self._alike: list[int] = []
         none, nothing = np.zeros(0), np.zeros((0, len(plan.names)))
         zero = np.zeros(1, dtype=np.intp)
         self._rows = LegRows(Nodes(none, none, none, none), zero, none, none, zero[1:], nothing, none, np.zeros((0, 2)))
@@ -107,19 +105,6 @@ class LegTable:
             first = np.concatenate([old.first, old.first[-1] + new.first])
             self._rows = LegRows._make([nodes, first, *map(np.concatenate, zip(old[2:], new[2:], strict=True))])
         return self._rows
-
-    @property
-    def alike(self) -> IntArray:
-        """For each row the first one on which an aircraft flies the same, shape (rows,): as that of an earlier lap of a
-        mission."""
-        known = len(self._alike)
-        for stage, parameters, nodes in zip(
-            self.stages[known:], self.parameters[known:], self._nodes[known:], strict=True
-        ):
-            flown = stage.gain, stage.rotation_deg, stage.radius_m, stage.altitude_m, stage.airspeed_mps
-            key = stage.path, *flown, parameters, *(own.tobytes() for own in nodes)
-            self._alike.append(self._contents.setdefault(key, len(self._alike)))
-        return np.array(self._alike, dtype=np.intp)
 
     def _from(self, number: int) -> LegRows:
         """The rows from a number on; of each, `first` is where its nodes end among theirs."""

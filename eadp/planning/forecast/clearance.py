@@ -15,11 +15,13 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.flight import ground_speeds_mps
 from eadp.core.geometry.curves import LINE, Point
-from eadp.models.airspace import BOUNDARY, HOME_RADII, Airspace, WayHome
+from eadp.models.airspace import BOUNDARY, HOME_RADII, WayHome
 from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Leg, leg_points
 from eadp.models.vehicle import Airframe, Guidance
-from eadp.planning.state.climb import Climb, ClimbFollower
+from eadp.models.weather import Wind
+from eadp.models.world import Mission
+from eadp.planning.state.climb import ClimbFollower, climb_rates_mps
 from eadp.planning.state.known import Known
 
 FLIGHTS = 200
@@ -30,61 +32,72 @@ NEAR_RADII = 4.0
 """Points within so many turning radii of an obstacle count."""
 
 
-def entering(
-    legs: Sequence[Leg],
-    airspace: Airspace,
-    airframe: Airframe,
-    guidance: Guidance,
-    wind_mps: Point,
-    gusts: tuple[float, float],
-    climb: ClimbFollower | None = None,
-) -> dict[str, float]:
+class _Points(NamedTuple):
+    """Points of a path: the leg of each, its place [m], the course there [rad], and the way from the one before [m]."""
+
+    legs: list[Leg]
+    at_m: FloatArray
+    courses: FloatArray
+    steps_m: FloatArray
+
+    @classmethod
+    def along(cls, legs: Sequence[Leg]) -> _Points:
+        """Points at most `STEP_M` apart along legs."""
+        of_legs = [leg_points(leg, STEP_M)[1:] for leg in legs]
+        at_m, courses = np.concatenate(of_legs)[:, :2], np.unwrap(np.concatenate(of_legs)[:, 2])
+        steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
+        return cls([leg for leg, own in zip(legs, of_legs, strict=True) for _ in own], at_m, courses, steps_m)
+
+    def altitudes_m(self, mission: Mission, wind: Wind) -> FloatArray:
+        """Altitude at each of a flight from take-off on [m]: that of cruise where none is commanded."""
+        altitudes_m: FloatArray = np.full(len(self.legs), mission.vehicle.cruise_altitude_m)
+        climb = ClimbFollower.of(mission)
+        if climb is None:
+            return altitudes_m
+        cosine, sine = np.cos(self.courses), np.sin(self.courses)
+        ground_mps, _ = ground_speeds_mps(cosine, sine, mission.cruise_mps, wind.steady_mps)
+        for i, step_s in enumerate((self.steps_m / np.maximum(ground_mps, 1.0)).tolist()):
+            stage = self.legs[i].stage
+            climb.follow(stage, stage.airspeed_mps or mission.cruise_mps, step_s)
+            altitudes_m[i] = climb.climb.altitude_m
+        return altitudes_m
+
+
+def entering(mission: Mission, legs: Sequence[Leg], guidance: Guidance, wind: Wind) -> dict[str, float]:
     """Probability of each obstacle to be entered and of the boundary to be left, by name; those of 0 are left out.
 
     An obstacle is entered below its top alone, by the altitude at the place.
 
     Parameters
     ----------
+    mission : Mission
+        Its plan has what is in the way.
     legs : sequence of Leg
         The route.
-    airspace : Airspace
-        What is in the way.
-    airframe, guidance
-    wind_mps : (float, float)
-        Steady wind [m/s].
-    gusts : (float, float)
-        Their standard deviation on each axis [m/s] and time constant [s].
-    climb : ClimbFollower, optional
-        At take-off; without, the flight is at the airframe's own altitude.
+    guidance : Guidance
+    wind : Wind
+        At take-off, with gusts.
     """
     from eadp.core.geometry.polygons import holding, near_edges
 
+    airframe, airspace = mission.vehicle, mission.plan.site.airspace
     if not any(airspace):
         return {}
     # the path's points near an obstacle or the boundary
-    points = [leg_points(leg, STEP_M)[1:] for leg in legs]
-    of_points = [leg for leg, own in zip(legs, points, strict=True) for _ in own]
-    at_m, courses = np.concatenate(points)[:, :2], np.unwrap(np.concatenate(points)[:, 2])
-    steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
-    altitudes_m = np.full(len(of_points), airframe.cruise_altitude_m)
-    if climb is not None:
-        ground_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), airframe.airspeed_mps, wind_mps)
-        for i, step_s in enumerate((steps_m / np.maximum(ground_mps, 1.0)).tolist()):
-            stage = of_points[i].stage
-            climb.follow(stage, stage.airspeed_mps or airframe.airspeed_mps, step_s)
-            altitudes_m[i] = climb.climb.altitude_m
+    path = _Points.along(legs)
+    altitudes_m = path.altitudes_m(mission, wind)
     airspace = airspace.in_the_way(float(altitudes_m.min()))
     edges = [*(each.outline for each in airspace.obstacles), *airspace.boundary]
     if not edges:
         return {}
-    places, areas = map(np.unique, near_edges(edges, at_m, NEAR_RADII * airframe.turn_radius_m))
+    places, areas = map(np.unique, near_edges(edges, path.at_m, NEAR_RADII * airframe.turn_radius_m))
     if not len(places):
         return {}
     obstacles = [airspace.obstacles[i] for i in areas.tolist() if i < len(airspace.obstacles)]
     tops_m = np.array([np.inf if each.height_m is None else each.height_m for each in obstacles])
-    off_m = _beside_m(of_points, at_m, courses, steps_m, airframe, guidance, wind_mps, gusts)[places]
-    left = np.column_stack((-np.sin(courses[places]), np.cos(courses[places])))
-    there_m = (at_m[places][:, None] + off_m[:, :, None] * left[:, None]).reshape(-1, 2)
+    off_m, courses = _beside_m(path, airframe, guidance, wind)[places], path.courses[places]
+    left = np.column_stack((-np.sin(courses), np.cos(courses)))
+    there_m = (path.at_m[places][:, None] + off_m[:, :, None] * left[:, None]).reshape(-1, 2)
     # which flights have entered each obstacle, and left the boundary, at which points
     below = (tops_m[:, None] > altitudes_m[places])[:, :, None]
     within = [*(holding([each.outline for each in obstacles], there_m).reshape(len(obstacles), *off_m.shape) & below)]
@@ -95,30 +108,18 @@ def entering(
     return {name: share for name, share in zip(names, shares, strict=False) if share}
 
 
-def _beside_m(
-    legs: Sequence[Leg],
-    at_m: FloatArray,
-    courses: FloatArray,
-    steps_m: FloatArray,
-    airframe: Airframe,
-    guidance: Guidance,
-    wind_mps: Point,
-    gusts: tuple[float, float],
-) -> FloatArray:
-    """Fly along a path `FLIGHTS` times at once: how far each is to the left of each point, shape (n, FLIGHTS) [m].
-
-    `legs` are those of the points at `at_m` [m], `courses` the path's [rad], `steps_m` the distances from the points
-    before [m], of n each; the rest is as in `entering`.
-    """
+def _beside_m(path: _Points, airframe: Airframe, guidance: Guidance, wind: Wind) -> FloatArray:
+    """Fly along a path `FLIGHTS` times at once: how far each is to the left of each point, shape (n, FLIGHTS) [m]."""
+    legs, at_m, courses, steps_m = path
     # ground speed, and the greatest turn rate of the course [rad/s]
     speed = airframe.airspeed_mps
-    ground_mps, along_mps = ground_speeds_mps(np.cos(courses), np.sin(courses), speed, wind_mps)
+    ground_mps, along_mps = ground_speeds_mps(np.cos(courses), np.sin(courses), speed, wind.steady_mps)
     ground_mps = np.maximum(ground_mps, 1.0)
     # χ̇ = θ̇ a·ṗ/‖ṗ‖², with θ̇ at most V/R
     greatest = np.full(len(legs), np.inf)
     if airframe.takes_commands:
         greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps)
-    rng, (gust_mps, gust_s) = np.random.default_rng(0), gusts
+    rng, gust_mps, gust_s = np.random.default_rng(0), wind.gust_std_mps, wind.gust_time_s
     # of each flight: gust [m/s], and how far it is beside the path [m] and off its course [rad], left positive
     gust = rng.standard_normal((2, FLIGHTS)) * gust_mps
     off_m, off_rad = np.zeros((len(legs), FLIGHTS)), np.zeros(FLIGHTS)
@@ -133,7 +134,7 @@ def _beside_m(
         across_mps = gust[1] * math.cos(course) - gust[0] * math.sin(course)
         # χ̇ = χ̇_path − k_d (Δχ + v_⊥/v + arctan(k e)); e ← e + (v sin Δχ + v_⊥) Δt
         curving = turned / step_s if leg is legs[i - 1] and step_s > 0 else 0.0
-        gain = guidance.gain_per_m if guidance.normalised else _gain_per_m(leg, *at_m[i].tolist())
+        gain = _gain_per_m(leg, *at_m[i].tolist())
         beside_m = off_m[max(i - 1, 0)]
         wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * beside_m))
         off_rad = off_rad + np.clip(wanted, -greatest[i], greatest[i]) * step_s - turned
@@ -152,37 +153,31 @@ MAX_SLOWED = 0.9
 
 
 def with_climbs(
-    climb: Climb,
-    route: Route,
-    airspeeds_mps: FloatArray,
-    whole_s: FloatArray,
-    times_s: FloatArray,
-    motion_w: FloatArray,
-    climb_j_per_m: float,
+    known: Known, route: Route, speeds_mps: FloatArray, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times [s], mean and greatest motion powers [W] of a route's legs with climbs, shape (legs,).
 
     Parameters
     ----------
-    climb : Climb
-        Where the aircraft is now.
+    known : Known
+        With the altitude now.
     route : Route
-    airspeeds_mps : array, shape (legs,)
+    speeds_mps : array, shape (legs,)
         Airspeed of each leg [m/s].
     whole_s : array, shape (legs,)
         Time of each leg from its start in level flight [s].
     times_s, motion_w : array, shape (legs,)
         Time left of each leg [s] and motion power [W] in level flight.
-    climb_j_per_m : float
-        Energy of a metre of climb [J/m].
 
     Source: energy of a climb m g Δh / η; ground speed by V cos γ.
     """
     times, added_w, peak_w = times_s.tolist(), [0.0] * len(times_s), [0.0] * len(times_s)
+    climb, climb_j_per_m = known.climb, known.motion.climb_j_per_m
+    assert climb is not None
     here_m, j_per_m = climb.altitude_m, max(climb.take_off_j_per_m, climb_j_per_m)
-    for i, (stage, airspeed_mps) in enumerate(zip(route.of_legs, airspeeds_mps.tolist(), strict=True)):
+    for i, (stage, airspeed_mps) in enumerate(zip(route.of_legs, speeds_mps.tolist(), strict=True)):
         altitude_m = climb.commanded_m(stage)
-        up_mps, down_mps = climb.rates_mps(airspeed_mps)
+        up_mps, down_mps = climb_rates_mps(climb.airframe, airspeed_mps)
         rate_mps = up_mps if altitude_m > here_m else -down_mps
         if altitude_m == here_m or rate_mps == 0 or times[i] <= 0:
             continue

@@ -27,40 +27,26 @@ from eadp.planning.base import PlannerSettings, TradeOff, allowed_levels, thinne
 MAX_CONFIGURATIONS = 50_000
 
 
-class ConcaveEnvelope(NamedTuple):
-    """Upper concave envelope of value over power, in ascending order of power.
+class Configurations(NamedTuple):
+    """Configurations in ascending order of power: all of a kind of stage, or those on the envelope.
 
     Attributes
     ----------
-    powers_w, values : array, shape (k,)
-        Power [W] and value of each configuration, both rising.
-    configurations : array, shape (k, computations)
-    """
-
-    powers_w: FloatArray
-    values: FloatArray
-    configurations: FloatArray
-
-
-def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: FloatArray) -> ConcaveEnvelope:
-    """Upper concave envelope of configurations: the one of minimum power, and the vertices above it.
-
-    Parameters
-    ----------
     powers_w, values : array, shape (n,)
+        Power [W] and value of each.
     configurations : array, shape (n, computations)
     """
-    order = np.lexsort((-values, powers_w))
-    kept = order[upper_envelope(powers_w[order], values[order])]
-    return ConcaveEnvelope(powers_w[kept], values[kept], configurations[kept])
 
-
-class _Group(NamedTuple):
-    """All configurations of a kind of stage, in ascending order of power [W], and their values."""
-
-    configurations: FloatArray
     powers_w: FloatArray
     values: FloatArray
+    configurations: FloatArray
+
+    def envelope(self, count: int) -> Configurations:
+        """Upper concave envelope of the first `count`: the one of minimum power, and the vertices above it."""
+        powers_w, values = self.powers_w[:count], self.values[:count]
+        order = np.lexsort((-values, powers_w))
+        kept = order[upper_envelope(powers_w[order], values[order])]
+        return Configurations(*(column[kept] for column in self))
 
 
 class EnvelopeTable(NamedTuple):
@@ -88,28 +74,24 @@ class Envelopes:
         Weights and levels are used here.
     trade_offs : sequence of TradeOff
         Rows that the configurations keep to.
-    total : bool
-        Whether the value is the weighted sum of the computations, in place of U.
     """
 
-    def __init__(
-        self, mission: Mission, settings: PlannerSettings, trade_offs: Sequence[TradeOff], *, total: bool
-    ) -> None:
-        self._mission, self._settings, self._trade_offs, self._total = mission, settings, trade_offs, total
+    def __init__(self, mission: Mission, settings: PlannerSettings, trade_offs: Sequence[TradeOff]) -> None:
+        self._mission, self._settings, self._trade_offs = mission, settings, trade_offs
         self._rho = mission.plan.path_count
         self.shares = QualityShares(mission.plan, settings.weights)
-        self._groups: list[_Group] = []
+        self._groups: list[Configurations] = []
         self._numbers: dict[object, int] = {}
         """Number of each group, by what determines it."""
         self._kinds: dict[tuple[int, int], int] = {}
         """Number of each envelope, by its group and by how many of its configurations count."""
-        self._envelopes: list[ConcaveEnvelope] = []
+        self._envelopes: list[Configurations] = []
         self._table = EnvelopeTable(np.zeros((0, 1)), np.zeros((0, 1)))
         # a leg table, and the group of each of its rows
         self._of_rows: tuple[LegTable | None, IntArray] = (None, np.zeros(0, dtype=np.intp))
         self._extremes_w = np.zeros((0, 2))
 
-    def __getitem__(self, kind: int) -> ConcaveEnvelope:
+    def __getitem__(self, kind: int) -> Configurations:
         return self._envelopes[kind]
 
     @property
@@ -164,8 +146,7 @@ class Envelopes:
         """The number of the envelope of a group's first `count` configurations, built when it is first asked for."""
         number = self._kinds.setdefault((group, count), len(self._envelopes))
         if number == len(self._envelopes):
-            configurations, powers_w, values = self._groups[group]
-            self._envelopes.append(concave_envelope(powers_w[:count], values[:count], configurations[:count]))
+            self._envelopes.append(self._groups[group].envelope(count))
         return number
 
     def _group(self, stage: Stage, own: Vector) -> int:
@@ -175,25 +156,22 @@ class Envelopes:
         """
         trade_offs = [row for row in self._trade_offs if row.holds_in(stage.index)]
         path = own[: self._rho] if trade_offs else ()
-        weights = self.shares.weights if self._total else self.shares.scaled(stage.index)
+        weights = self.shares.scaled(stage.index)
         sets = tuple((box.lo, box.hi) for box in stage.sets[self._rho :])
         key = (sets, path, tuple(weights[self._rho :].tolist()), tuple(map(id, trade_offs)))
         number = self._numbers.setdefault(key, len(self._groups))
         if number == len(self._groups):
             configurations, powers_w = self._by_power(stage.sets, own, trade_offs)
             values = self._values(configurations, stage.sets, weights)
-            self._groups.append(_Group(configurations, powers_w, values))
+            self._groups.append(Configurations(powers_w, values, configurations))
         return number
 
     def _values(self, configurations: FloatArray, sets: Sequence[Box], weights: FloatArray) -> FloatArray:
-        """Value of configurations: Σ ω c̃, or Σ ω c for the total."""
+        """Value of configurations: Σ ω c̃."""
         values = np.zeros(len(configurations))
         for k, box in enumerate(sets[self._rho :]):
-            column, weight = configurations[:, k], weights[self._rho + k]
-            if self._total:
-                values += weight * column
-            elif not box.fixed:
-                values += weight * (column - box.lo) / (box.hi - box.lo)
+            if not box.fixed:
+                values += weights[self._rho + k] * (configurations[:, k] - box.lo) / (box.hi - box.lo)
         return values
 
     def _by_power(

@@ -70,8 +70,6 @@ class Objective:
         With which it is kept.
     losses_per_s : float
         Sudden losses of charge to expect [1/s].
-    total : bool
-        Whether the objective is the weighted sum of the computations over time, in place of the quality U.
     trade_offs : tuple of TradeOff
         Rows that the computations keep to.
     """
@@ -79,7 +77,6 @@ class Objective:
     reserve_soc: float
     probability: float = 0.95
     losses_per_s: float = 0.0
-    total: bool = False
     trade_offs: tuple[TradeOff, ...] = ()
 
 
@@ -270,6 +267,18 @@ class Evaluation:
         return max(self.evaluator.objective.reserve_soc, float(self.own.turns_back_soc[0]))
 
 
+class _Rest(NamedTuple):
+    """Routes that can be flown from a moment of a flight: what is known then, the routes, and their legs in a row.
+
+    `groups` are those of the legs' configurations, shape (legs,).
+    """
+
+    known: Known
+    routes: Sequence[Route]
+    legs: RouteArrays
+    groups: IntArray
+
+
 class _LegTimes(NamedTuple):
     """Times of whole legs.
 
@@ -313,7 +322,7 @@ class Evaluator:
 
     def __init__(self, mission: Mission, settings: PlannerSettings, objective: Objective) -> None:
         self.mission, self.objective = mission, objective
-        self.envelopes = Envelopes(mission, settings, objective.trade_offs, total=objective.total)
+        self.envelopes = Envelopes(mission, settings, objective.trade_offs)
         self.quantile = NormalDist().inv_cdf(objective.probability)
         stages = range(1, len(mission.plan.stages) + 1)
         # weights of the parameters in U on each stage: of the path's, and the sum of all, 0 where none has a choice
@@ -323,8 +332,7 @@ class Evaluator:
         self._counted = np.array([weights.sum() for weights in of_stages])
         self._excess_s = np.array([mission.excess.get(stage, (0.0, 0.0)) for stage in stages])
         self._way_home: tuple[Autopilot | None, WayHome | None] = (None, None)
-        self._scale_s = 0.0  # of the objective `total`; 0 until the first evaluation
-        self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
+        self.path_weight = float(self._path_weights.sum(axis=1).max(initial=0.0))
 
     def losses(self, known: Known, seconds: float | FloatArray) -> FloatArray:
         """Mean number of sudden losses of charge in a time [s]: a loss that was seen is evidence of their rate.
@@ -396,12 +404,11 @@ class Evaluator:
             index = np.flatnonzero(flyable)
             if not len(index):
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
-            rest_mps = None if airspeeds_mps is None else airspeeds_mps[index]
-            rest = self.evaluate(known, [routes[i] for i in index.tolist()], rest_mps)
-            return replace(rest, index=index[rest.index])
-        groups = self.envelopes.groups(routes[0].table, legs.order)
-        load, totals = self._load(known, routes, legs, times, groups)
-        found = self._evaluation(known, routes, legs, groups, load, totals)
+            others_mps = None if airspeeds_mps is None else airspeeds_mps[index]
+            others = self.evaluate(known, [routes[i] for i in index.tolist()], others_mps)
+            return replace(others, index=index[others.index])
+        rest = _Rest(known, routes, legs, self.envelopes.groups(routes[0].table, legs.order))
+        found = self._evaluation(rest, *self._load(rest, times))
         return replace(found, airspeeds_mps=airspeeds_mps)
 
     def _leg_times(self, known: Known, legs: RouteArrays, airspeeds_mps: FloatArray | None) -> _LegTimes:
@@ -418,17 +425,16 @@ class Evaluator:
         excess_s, excess_turning_s = self._excess_s[legs.stages - 1].T
         return _LegTimes(flown_mps, on_path_s + excess_s, np.maximum(turning_s[0] + excess_turning_s, 0.0), excess_s)
 
-    def _load(
-        self, known: Known, routes: Sequence[Route], legs: RouteArrays, times: _LegTimes, groups: IntArray
-    ) -> tuple[RouteLoad, Totals]:
-        """Mean times and powers of the legs of routes that can be flown, and their totals; see `evaluate`."""
+    def _load(self, rest: _Rest, times: _LegTimes) -> tuple[RouteLoad, Totals]:
+        """Mean times and powers of the legs, and their totals without `soc_per_j`; see `evaluate`."""
+        known, _, legs, groups = rest
         # mean times over the wind's distribution; of the first leg of each route only a part is left
         factor, wind_var = _wind_effect(legs.sums(times.in_winds_s.T))
         shortest_s = np.maximum(legs.sums(times.in_winds_s[0]), 1e-3)
         wind_var += OVERSHOOT_SHARE**2 * legs.sums(times.excess_s**2) / shortest_s**2
         whole_s, turning_s = times.in_winds_s[0] * factor[legs.place], times.turning_s * factor[legs.place]
         part = np.ones(len(whole_s))
-        part[legs.first] = self._left(known, legs, routes, whole_s)
+        part[legs.first] = self._left(rest, whole_s)
         left_s = whole_s * part * known.time.ratio
         # y = level · a + (flat + turn · tan²φ) b, between 0 and the motor's maximum
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
@@ -440,26 +446,16 @@ class Evaluator:
         peak_w = motion_w
         if known.climb is not None:
             on_path_s = (times.in_winds_s[0] - times.excess_s) * factor[legs.place]
-            left_s, motion_w, peak_w = self._climbed(known, routes, times.flown_mps, on_path_s, left_s, motion_w)
+            left_s, motion_w, peak_w = self._climbed(rest, times.flown_mps, on_path_s, left_s, motion_w)
         # the peak is above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
         extremes_w = self.envelopes.extremes_w()[groups]
         load = RouteLoad(left_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
-        return load, self._totals(known, legs, load, (level_s, bank_s), wind_var)
+        return load, self._totals(rest, load, (level_s, bank_s), wind_var)
 
-    def _evaluation(
-        self,
-        known: Known,
-        routes: Sequence[Route],
-        legs: RouteArrays,
-        groups: IntArray,
-        load: RouteLoad,
-        totals: Totals,
-    ) -> Evaluation:
-        """Charge and computations of routes, by the times and powers of their legs: the second half of `evaluate`.
-
-        `groups` are those of the legs' configurations, shape (legs,); `totals` are without `soc_per_j`.
-        """
+    def _evaluation(self, rest: _Rest, load: RouteLoad, totals: Totals) -> Evaluation:
+        """Charge and computations of routes, by the times and powers of their legs: the second half of `evaluate`."""
+        known, routes, legs, groups = rest
         # the voltage on each leg, and the configurations that the battery's limits of power leave
         battery, reserve_soc = self.mission.battery, self.objective.reserve_soc
         limits = power_limits(legs, load, battery, known.soc, reserve_soc, totals.use_ratio)
@@ -469,24 +465,30 @@ class Evaluator:
         slope = current_slope_a_per_w(totals.mean_w, mean_v, battery.resistance_ohm)
         totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio * slope)
         # the charge at the end, and what it leaves for the computations
-        own = self._own(known, routes, legs, load, totals)
+        own = self._own(rest, load, totals)
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
         use, values = self._vertex_use(legs, load, kinds, limits, totals), self.envelopes.table.values[kinds]
         base_use = legs.sums(use[:, 0])
         weight, base = self._weights(known, legs, load)
+        available = self._available(known, limits, totals, std, own)
+        # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
+        # minimum power uses is available, less the excess
+        excess = limits.beyond_w * totals.seconds * totals.soc_per_j
+        available = np.where(limits.beyond_w > 0, np.minimum(available, base_use) - excess, available)
         knapsack = Knapsack(
             use=np.diff(use, axis=1),
             gain=np.diff(values, axis=1) * weight[:, None],
             place=legs.place,
             base_use=base_use,
             base_value=base + legs.sums(weight * values[:, 0]),
-            available=self._available(known, limits, totals, std, base_use, own),
+            available=available,
         )
         index = np.arange(len(routes))
         return Evaluation(self, known, list(routes), index, legs, load, kinds, limits, totals, std, knapsack, own)
 
-    def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
+    def _left(self, rest: _Rest, whole_s: FloatArray) -> FloatArray:
         """Share of the first leg of each route that is left, shape (routes,); `whole_s` are the times of whole legs."""
+        known, routes, legs, _ = rest
         # routes with the same first leg have one share
         _, different, of = np.unique(legs.order[legs.first], return_index=True, return_inverse=True)
         legs_s = (whole_s[legs.first] * known.time.ratio).tolist()
@@ -513,48 +515,33 @@ class Evaluator:
             return 1.0 - flown
 
     def _climbed(
-        self,
-        known: Known,
-        routes: Sequence[Route],
-        airspeeds_mps: FloatArray,
-        whole_s: FloatArray,
-        times_s: FloatArray,
-        motion_w: FloatArray,
+        self, rest: _Rest, airspeeds_mps: FloatArray, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Times [s], mean and greatest motion powers [W] of all legs with climbs, shape (legs,); see `with_climbs`.
 
         `whole_s` are the times of whole legs, `times_s` those left, and `motion_w` the powers, all in level flight.
         """
-        assert known.climb is not None
-        of_routes, first, per_m = [], 0, known.motion.climb_j_per_m
-        for route in routes:
-            mine = slice(first, first + len(route.order))
+        known, of_routes = rest.known, []
+        for route, first, last in zip(rest.routes, rest.legs.first.tolist(), rest.legs.last.tolist(), strict=True):
+            mine = slice(first, last + 1)
             whole = whole_s[mine] * known.time.ratio
-            speeds = airspeeds_mps[mine]
-            of_routes.append(with_climbs(known.climb, route, speeds, whole, times_s[mine], motion_w[mine], per_m))
-            first = mine.stop
+            of_routes.append(with_climbs(known, route, airspeeds_mps[mine], whole, times_s[mine], motion_w[mine]))
         times, motion, peak = (np.concatenate(arrays) for arrays in zip(*of_routes, strict=True))
         return times, motion, np.maximum(peak, motion)
 
     def _totals(
-        self,
-        known: Known,
-        legs: RouteArrays,
-        load: RouteLoad,
-        by_power_s: tuple[FloatArray, FloatArray],
-        wind_var: FloatArray,
+        self, rest: _Rest, load: RouteLoad, by_power_s: tuple[FloatArray, FloatArray], wind_var: FloatArray
     ) -> Totals:
         """Sums over each route; `soc_per_j` is NaN until the voltage on the legs is known, see `_evaluation`.
 
         `by_power_s` are the derivatives of each route's energy by a and b, at the airframe's own airspeed its time and
         the time integral of tan² φ [s]; `wind_var` is the variance of the time's logarithm due to the wind.
         """
+        known, legs = rest.known, rest.legs
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
         mean_w = legs.sums((load.motion_w + (load.min_w + load.max_w) / 2) * load.times_s) / seconds
         # charge used to charge predicted: by the filter's state after the drain of the mean power
-        battery = self.mission.battery
-        volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
-        drain = drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as) * seconds
+        drain = self.mission.battery.drain_at_per_s(mean_w, known.soc) * seconds
         soc, charge_var = charge_at_end(known.charge.filtered, drain)
         return Totals(
             seconds=seconds,
@@ -566,10 +553,9 @@ class Evaluator:
             soc_per_j=np.full_like(seconds, math.nan),
         )
 
-    def _own(
-        self, known: Known, routes: Sequence[Route], legs: RouteArrays, load: RouteLoad, totals: Totals
-    ) -> AutopilotsOwn:
+    def _own(self, rest: _Rest, load: RouteLoad, totals: Totals) -> AutopilotsOwn:
         """What the autopilot that is known does on its own."""
+        known, routes, legs, _ = rest
         autopilot, way = known.autopilot, self.way_home(known)
         own = AutopilotsOwn(*np.zeros((3, len(routes))))
         if autopilot.kind is None:
@@ -605,9 +591,8 @@ class Evaluator:
         rule, way = autopilot.time_rule, self.homeward(known, 0.0)
         if rule is None or way is None:
             return False
-        volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
-        soc_per_s = float(drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as))
-        return known.soc < soc_per_s * float(rule.needed_s(way.seconds, way.climb_m))
+        needed_s = float(rule.needed_s(way.seconds, way.climb_m))
+        return known.soc < float(battery.drain_at_per_s(mean_w, known.soc)) * needed_s
 
     def _is_landing(self, stage: Stage) -> bool:
         """Whether a stage is of the landing that the plan ends with."""
@@ -631,8 +616,6 @@ class Evaluator:
 
         Source: `eadp.models.plan.ground` for U.
         """
-        if self.objective.total:
-            return self._total_weights(legs, load), np.zeros(len(legs.first))
         ground_m, per_s = legs.ground(known.flown, load.times_s)
         stage, run = legs.stages - 1, known.flown.run
         # ground of the whole mission: flown, being flown, and left
@@ -644,41 +627,16 @@ class Evaluator:
         seen_m = known.flown.value + per_s * run.area_s + legs.sums(ground_m * path)
         return ground_m / whole_m[legs.place], seen_m / whole_m
 
-    def _total_weights(self, legs: RouteArrays, load: RouteLoad) -> FloatArray:
-        """Weight of each leg where the objective is Σ w c summed over time: its time, scaled.
-
-        Scaled by the maximum at the first evaluation, so that the objective is at most about 1, as U is.
-        """
-        if not self._scale_s:
-            plan, weights = self.mission.plan, self.envelopes.shares.weights
-            rho = plan.path_count
-            highest = sum(float(weights[i]) * plan.hull(i).hi for i in range(rho, len(weights)))
-            self._scale_s = max(highest, 1e-12) * max(float(legs.sums(load.times_s)[0]), 1.0)
-        return load.times_s / self._scale_s
-
     def _available(
-        self,
-        known: Known,
-        limits: PowerLimits,
-        totals: Totals,
-        std: FloatArray,
-        base_use: FloatArray,
-        own: AutopilotsOwn,
+        self, known: Known, limits: PowerLimits, totals: Totals, std: FloatArray, own: AutopilotsOwn
     ) -> FloatArray:
-        """State of charge that may be used so that the reserve is kept with its probability, shape (routes,).
-
-        `base_use` is what minimum power uses of it.
-        """
+        """State of charge that may be used so that the reserve is kept with its probability, shape (routes,)."""
         # the charge less the expected losses, and what the autopilot's return takes: the level that it exceeds with the
         # probability if nothing is used
         soc = known.soc - self.losses(known, totals.seconds) * LOSS - totals.soc_per_j * own.joules
         floor = np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
-        available = soc - self.quantile * std - floor
-        # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
-        # minimum power uses is available, less the excess
-        excess = limits.beyond_w * totals.seconds * totals.soc_per_j
-        short: FloatArray = np.minimum(available, base_use) - excess
-        return np.where(limits.beyond_w > 0, short, available)
+        available: FloatArray = soc - self.quantile * std - floor
+        return available
 
 
 def _wind_effect(times_s: FloatArray) -> tuple[FloatArray, FloatArray]:

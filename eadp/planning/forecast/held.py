@@ -183,20 +183,18 @@ class HeldForecast:
         return found.forecast(found.filled())
 
 
-def before_take_off(
-    settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
-) -> tuple[FlightState, Known]:
-    """The state of a flight before take-off, in a forecast wind [m/s] and its gusts; and what it knows at the start."""
+def before_take_off(settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float) -> Known:
+    """What is known of a flight before take-off, in a forecast wind [m/s] and its gusts."""
     state = FlightState(mission, settings.weights)
     state.assume(wind_mps, gust_std_mps)
-    return state, state.known(0.0, mission.start_m or (0.0, 0.0))
+    return state.known(0.0, mission.start_m or (0.0, 0.0))
 
 
 def held_preflight(
     settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
 ) -> Preflight | None:
     """Forecast before take-off with the parameters of take-off held; None where the plan cannot be flown."""
-    _, known = before_take_off(settings, mission, wind_mps, gust_std_mps)
+    known = before_take_off(settings, mission, wind_mps, gust_std_mps)
     try:
         found = HeldForecast(settings, mission).evaluation(known, mission.parameters)
     except PathUndefined:

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.flight import drain_per_s
 from eadp.core.geometry.curves import Point
 from eadp.models.battery import LOSS
 from eadp.models.plan.stage import leg_points
@@ -61,7 +60,8 @@ def _spare(evaluation: Evaluation, way: Homeward, flown_s: float, flown_j: float
 def _final_charge(evaluation: Evaluation, way: Homeward, flown_s: float = 0.0, flown_j: float = 0.0) -> NormalDist:
     """State of charge after a way from here; its deviation is that of the whole flight, see `_spare`."""
     evaluator, known = evaluation.evaluator, evaluation.known
-    then = after_drain(known.charge.filtered, _drain_per_s(evaluation, way.power_w) * way.seconds)
+    drain = float(evaluator.mission.battery.drain_at_per_s(way.power_w, known.soc)) * way.seconds
+    then = after_drain(known.charge.filtered, drain)
     # of the whole flight, the part up to here included
     whole_j, whole_s = flown_j + way.power_w * way.seconds, flown_s + way.seconds
     totals = evaluation.totals._replace(
@@ -76,26 +76,20 @@ def _final_charge(evaluation: Evaluation, way: Homeward, flown_s: float = 0.0, f
     return NormalDist(soc, max(float(evaluator.charge_std(known, totals, soc)), MIN_STD))
 
 
-def _drain_per_s(evaluation: Evaluation, power_w: float) -> float:
-    """State of charge that a power takes in a second at the charge now, as predicted."""
-    battery, soc = evaluation.evaluator.mission.battery, evaluation.known.soc
-    volts = battery.voltage_at(min(max(soc, 0.0), 1.0))
-    return float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as))
-
-
 def can_fall(evaluation: Evaluation, seconds: float) -> float:
     """How far the charge to spare for the way home can fall in a time [s]: what power can draw in it.
 
     The greatest power here, and that of level flight on the way home, which gets longer: against the wind, where the
     wind has carried the aircraft away.
     """
-    known, wind_mps = evaluation.known, math.hypot(*evaluation.known.wind.mps)
+    known, battery = evaluation.known, evaluation.evaluator.mission.battery
+    wind_mps = math.hypot(*known.wind.mps)
     away_mps, back_mps = known.airspeed_mps + wind_mps, max(known.airspeed_mps - wind_mps, 1e-3)
     here_w = known.motion.max_w + float(evaluation.load.max_w.max())
-    drawn_per_s = (
-        _drain_per_s(evaluation, here_w) + _drain_per_s(evaluation, known.motion.level_w) * away_mps / back_mps
+    here_per_s, level_per_s = (
+        float(battery.drain_at_per_s(power_w, known.soc)) for power_w in (here_w, known.motion.level_w)
     )
-    return seconds * drawn_per_s * known.charge.filtered.use_ratio
+    return seconds * (here_per_s + level_per_s * away_mps / back_mps) * known.charge.filtered.use_ratio
 
 
 def home_ending(evaluation: Evaluation) -> Ending | None:
@@ -171,7 +165,7 @@ def _last_point(
     known, evaluator, legs = evaluation.known, evaluation.evaluator, evaluation.routes[0].legs
     battery, times_s, mean_w = evaluator.mission.battery, evaluation.load.times_s, float(evaluation.totals.mean_w[0])
     powers_w = evaluation.load.motion_w + evaluation.computing_w(filling.shares)
-    drains = drain_per_s(powers_w, evaluation.limits.volts, battery.resistance_ohm, battery.drain_per_as) * times_s
+    drains = battery.drain_per_s(powers_w, evaluation.limits.volts) * times_s
     # of each leg: time [s], energy [J], charge predicted and way [m]; and up to its end
     of_legs = np.array([times_s, powers_w * times_s, drains, [leg.distance_m for leg in legs]])
     to_ends = of_legs.cumsum(axis=1)

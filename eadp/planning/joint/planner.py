@@ -169,7 +169,7 @@ class JointPlanner(Planner):
     ) -> Preflight | None:
         """The forecast before take-off, at the parameters that it would choose."""
         planner = cls(settings, mission, settings.own)
-        places, (_, known) = planner._places, before_take_off(settings, mission, wind_mps, gust_std_mps)
+        places, known = planner._places, before_take_off(settings, mission, wind_mps, gust_std_mps)
         places.enter(known)
         plan = planner._kept_plan(known)
         if planner._searchable:
@@ -181,9 +181,8 @@ class JointPlanner(Planner):
 
     def _evaluator(self, settings: PlannerSettings) -> Evaluator:
         """The evaluator of routes with the objective that the settings state."""
-        own, total = self.own, self.own.objective == "total"
-        losses_per_s = own.loss_rate_per_h / 3600
-        objective = Objective(settings.reserve_soc, own.reserve_probability, losses_per_s, total, own.trade_offs)
+        own, losses_per_s = self.own, self.own.loss_rate_per_h / 3600
+        objective = Objective(settings.reserve_soc, own.reserve_probability, losses_per_s, own.trade_offs)
         return Evaluator(self.mission, settings, objective)
 
     @property
@@ -448,7 +447,7 @@ class JointPlanner(Planner):
             reason = TURNS_BACK + reason
         elif home.home_by_s is not None and home.point_of_no_return_s is not None and not solution.feasible:
             reason += f"; home can wait {home.point_of_no_return_s - o.time_s:.0f} s"
-        b, total = self.mission.battery, self._places.evaluator.objective.total
+        b = self.mission.battery
         floor = max(plan.evaluation.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
         available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         record = DecisionRecord(
@@ -463,7 +462,7 @@ class JointPlanner(Planner):
             gap=solution.gap,
             reason=reason,
             battery_limit=limit,
-            ending=ending._replace(available_wh=available_wh, quality_forecast=None if total else solution.value),
+            ending=ending._replace(available_wh=available_wh, quality_forecast=solution.value),
             wind_mps=known.wind.mps,
             home=home,
             airspeed_mps=None if plan.pace_mps is None else plan.airspeeds_mps[o.stage - 1],

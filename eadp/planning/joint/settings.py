@@ -21,8 +21,8 @@ class JointSettings:
     min_gain: Share = 0.01
     """Least gain of the quality U for which a path parameter is changed."""
 
-    objective: Literal["quality", "total"] = "quality"
-    """What is maximised: the quality U, by the ground of the mission, or the computations, summed over time."""
+    objective: Literal["quality"] = "quality"
+    """What is maximised: the quality U, by the ground of the mission."""
 
     trade_offs: tuple[TradeOff, ...] = ()
     """Rows R c − r ≥ 0 that the computations keep to."""

@@ -32,17 +32,10 @@ class Climb(NamedTuple):
         """The altitude that a stage commands [m]; that of cruise where it commands none."""
         return self.airframe.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m
 
-    def rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
-        """Greatest rates of climb and descent [m/s]."""
-        return _rates_mps(self.airframe, airspeed_mps)
-
-
-# kept by airspeed: a plan commands few
-
 
 @lru_cache(256)
-def _rates_mps(airframe: Aeroplane, airspeed_mps: float) -> tuple[float, float]:
-    """Greatest rates of climb and descent at an airspeed [m/s]."""
+def climb_rates_mps(airframe: Aeroplane, airspeed_mps: float) -> tuple[float, float]:
+    """As `airframe.climb_rates_mps`, kept by airspeed: a plan commands few."""
     return airframe.climb_rates_mps(airspeed_mps)
 
 
@@ -88,7 +81,7 @@ class ClimbFollower:
         What it adds to the motion's power [W], negative in a descent, and the airspeed's horizontal part [m/s].
         """
         airframe, here_m, take_off_j_per_m = self.climb
-        up_mps, down_mps = self.climb.rates_mps(airspeed_mps)
+        up_mps, down_mps = climb_rates_mps(airframe, airspeed_mps)
         # ḣ = k (h_d − h) over the step: Δh = (1 − e^(−k Δt)) (h_d − h), within the greatest rates
         closed = -math.expm1(-airframe.altitude_gain_per_s * step_s)
         climb_m = min(max(closed * (self.climb.commanded_m(stage) - here_m), -down_mps * step_s), up_mps * step_s)

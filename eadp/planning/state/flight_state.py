@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.flight import WindReadings
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor
@@ -20,21 +21,20 @@ from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.models.vehicle import LEVEL_SHARE
 from eadp.models.world import Mission
-from eadp.planning.base import Observation, Readings, Sample
+from eadp.planning.base import Observation, Readings, Sample, Seen
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
 from eadp.planning.state.known import ChargeKnown, Joined, Known, TimeKnown, TimeRatio
 from eadp.planning.state.motion import MotionPower
 from eadp.planning.state.power import PowerGate, max_reading_w
-from eadp.planning.state.queue import ReadingQueue, Seen
 from eadp.planning.state.voltage import VoltageWatch
 from eadp.planning.state.wind import HEADING_DISBELIEVED, FlightWind
 
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
 
-READ_S = 0.1
-"""Default least time between readings [s]."""
+READ_S, SAME_TIME_S = 0.1, 1e-9
+"""Default least time between readings, and times that differ by rounding [s]."""
 
 OTHER_MPS = 0.25
 """Distance of an airspeed from that of cruise from which on it is another one: half a step of `speed_to_fly` [m/s]."""
@@ -67,11 +67,19 @@ class FlightState:
 
     Attributes
     ----------
+    every_s : float
+        As given.
+    now : Observation
+        The last observation; there is none before the first.
+    soc_before : float or None
+        The gauge's reading before it; None where it is the first.
     reached_s : float
         When the flight has reached its plan, after a take-off [s].
     autopilot : Autopilot
         That flies; whoever reads its parameters in flight replaces it.
     """
+
+    now: Observation
 
     def __init__(self, mission: Mission, weights: Mapping[str, float] | None = None, every_s: float = READ_S) -> None:
         self._mission = mission
@@ -91,7 +99,6 @@ class FlightState:
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         self._gate = PowerGate(vehicle.cruise_power_w, max_reading_w(mission))
-        self._queue = ReadingQueue(every_s)
         drain_model = DrainModel(
             empty_v=empty_v,
             rise_v=full_v - empty_v,
@@ -102,6 +109,11 @@ class FlightState:
         self._charge = ChargeFilter(drain_model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
         self._voltage = VoltageWatch(battery)
         self._climb = ClimbFollower.of(mission)
+        self.every_s, self._next_reading_s = every_s, -math.inf  # from when the next reading may be taken
+        self.soc_before: float | None = None
+        self._read_soc: float | None = None  # of the last reading of the gauge
+        self._stages_started = 1
+        self._waiting: list[Readings | Seen] = []
         self._last_s: float | None = None  # of the last reading that the filters have taken
         self.reached_s, self.autopilot = 0.0, mission.autopilot
 
@@ -109,12 +121,14 @@ class FlightState:
 
     def ingest(self, readings: Readings) -> None:
         """Take readings since the last observation, all on its stage and with its parameters; they wait."""
-        self._queue.ingest(readings)
+        self._waiting.append(readings)
+        self._next_reading_s = float(readings.times_s[-1]) + self.every_s
+        self._read_soc = float(readings.charges[-1])
 
     def observe(self, observation: Observation) -> Seen:
         """Take an observation, which is a reading, too, unless it is too soon after the last one; it waits.
 
-        The voltage is compared at once: charge that it shows to be lost is taken off the gauge's.
+        Its stage is counted at once, and the voltage compared: charge that it shows to be lost is taken off the gauge.
         """
         sample = observation.sample
         if sample.soc is not None:
@@ -126,7 +140,14 @@ class FlightState:
         if not observation.on_plan:
             self.reached_s = observation.time_s
         computing_w = self._mission.computing.power_w(observation.parameters, observation.cursor.stage.sets)
-        return self._queue.observe(observation, computing_w)
+        is_reading = observation.time_s >= self._next_reading_s - SAME_TIME_S
+        seen = Seen(observation, self._stages_started, is_reading, computing_w)
+        self._waiting.append(seen)
+        self._stages_started = observation.stages_started
+        if is_reading:
+            self._next_reading_s = observation.time_s + self.every_s
+        self.now, self.soc_before, self._read_soc = observation, self._read_soc, observation.soc
+        return seen
 
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
         """Before take-off: take the wind of the weather forecast, and the standard deviation of its gusts [m/s]."""
@@ -140,7 +161,8 @@ class FlightState:
         place in the plan of this observation counts after them, as they were made on the stage before.
         """
         readings: Readings | None = None
-        for each in self._queue.take():
+        waiting, self._waiting = self._waiting, []
+        for each in waiting:
             if isinstance(each, Seen):
                 if each.is_reading:
                     readings = _with_reading(readings, each.observation.sample)
@@ -246,7 +268,7 @@ class FlightState:
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
         if not on_plan:  # the airspeed is another than commanded
             vx = np.where(possible, vx, math.nan)
-        self._wind.ingest((vx, vy), headings, steps_s, airspeeds_mps, self._last_s)
+        self._wind.ingest(WindReadings(vx, vy, headings, steps_s, airspeeds_mps), self._last_s)
         if on_plan:
             # the power of a measured climb is a term of the regression; that of a commanded one is subtracted before
             beside_w = self._place.computing_w + (climb_w if climb_mps is None else 0.0)
@@ -289,21 +311,6 @@ class FlightState:
     # --- what is known
 
     @property
-    def now(self) -> Observation:
-        """The last observation."""
-        return self._queue.now
-
-    @property
-    def soc_before(self) -> float | None:
-        """The gauge's reading before the last observation; None where that is the first."""
-        return self._queue.soc_before
-
-    @property
-    def every_s(self) -> float:
-        """Least time between readings [s]."""
-        return self._queue.every_s
-
-    @property
     def wind_mps(self) -> Point:
         """The wind to plan with [m/s]: measured, else estimated."""
         self._process()
@@ -324,7 +331,7 @@ class FlightState:
     def jump_decided_s(self, soc: float) -> float:
         """When the next reading may decide whether the charge, `soc` now, has jumped [s]; infinite without doubt."""
         self._process()
-        return self._queue.next_reading_s if self._charge.is_ambiguous(soc) else math.inf
+        return self._next_reading_s if self._charge.is_ambiguous(soc) else math.inf
 
     @property
     def flies_commanded(self) -> bool:
@@ -355,7 +362,7 @@ class FlightState:
             time_s=time_s,
             position_m=position,
             cursor=self._flown_cursor(),
-            joined=Joined(place.joined_m, place.since_s, self._queue.stages_started, place.rejoins_at_start),
+            joined=Joined(place.joined_m, place.since_s, self._stages_started, place.rejoins_at_start),
             wind=self._wind.known,
             time=TimeKnown(times.ratio, times.variance, times.noise_s),
             motion=self._motion.known(min(self._gate.state.max_motion_w, self._mission.vehicle.max_motion_w)),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,14 +44,17 @@ POWER_SHARE, MIN_POWER_STD_W = 0.03, 0.2
 
 
 class MotionWindow(NamedTuple):
-    """The window of readings that is open: energy [J], time [s], climb [m], and time integrals of `PowerTerms` [s]."""
+    """A window of readings: energy [J], time [s], climb [m], and time integrals of `PowerTerms` [s].
 
-    energy_j: float = 0.0
-    seconds: float = 0.0
-    climb_m: float = 0.0
-    level_s: float = 0.0
-    flat_s: float = 0.0
-    turn_s: float = 0.0
+    Numbers of the window that is open; of several readings, what each adds to it, columns.
+    """
+
+    energy_j: Any = 0.0
+    seconds: Any = 0.0
+    climb_m: Any = 0.0
+    level_s: Any = 0.0
+    flat_s: Any = 0.0
+    turn_s: Any = 0.0
 
 
 class MotionState(NamedTuple):
@@ -134,11 +137,12 @@ class MotionPower:
         airspeeds_mps : array, shape (n,), optional
             Airspeeds [m/s]; by default the airframe's own.
         """
-        ingested = jitted(_ingested)
-        own = np.full(len(steps_s), self._airframe.airspeed_mps) if airspeeds_mps is None else airspeeds_mps
-        level, flat, turn, own_w = terms_of(self._airframe, own)
-        powers_w, others_w, steps_s, *terms = columns(powers_w, own_w + beside_w, steps_s, level, flat, turn)
-        self._state = ingested(self._state, powers_w, others_w, steps_s, slope, climb_mps, tuple(terms))
+        steps = np.asarray(steps_s, dtype=float)
+        own = np.full(len(steps), self._airframe.airspeed_mps) if airspeeds_mps is None else airspeeds_mps
+        *terms, own_w = terms_of(self._airframe, own)
+        energies_j = (np.asarray(powers_w, dtype=float) - (own_w + beside_w)) * steps
+        added = columns(energies_j, steps, climb_mps * steps, *(term * steps for term in terms))
+        self._state = jitted(_ingested)(self._state, MotionWindow(*added), slope)
 
     def end_window(self, slope: float) -> None:
         """End the window of readings at the end of a leg, of mean tan² φ `slope`, and update the regression with it."""
@@ -164,31 +168,19 @@ class MotionPower:
 # The functions below may be compiled, see `eadp.core.compiled`.
 
 
-def _ingested(
-    state: MotionState,
-    powers_w: Column,
-    beside_w: Column,
-    steps_s: Column,
-    slope: float,
-    climb_mps: float,
-    terms: tuple[Column, Column, Column],
-) -> MotionState:
-    """The state after readings, see `MotionPower.ingest`: each adds to the window, which ends when it is full.
-
-    `terms` are the level, flat and turn of `PowerTerms` at each reading.
-    """
-    levels, flats, turns = terms
-    for i in range(len(powers_w)):
-        step_s = steps_s[i]
-        if step_s > 0.0 and not math.isnan(powers_w[i]):
+def _ingested(state: MotionState, added: MotionWindow, slope: float) -> MotionState:
+    """The state after readings, see `MotionPower.ingest`: each adds to the window, which ends when it is full."""
+    energies_j, steps_s, climbs_m, levels_s, flats_s, turns_s = added
+    for i in range(len(steps_s)):
+        if steps_s[i] > 0.0 and not math.isnan(energies_j[i]):
             window = state.window
             window = MotionWindow(
-                window.energy_j + (powers_w[i] - beside_w[i]) * step_s,
-                window.seconds + step_s,
-                window.climb_m + climb_mps * step_s,
-                window.level_s + levels[i] * step_s,
-                window.flat_s + flats[i] * step_s,
-                window.turn_s + turns[i] * step_s,
+                window.energy_j + energies_j[i],
+                window.seconds + steps_s[i],
+                window.climb_m + climbs_m[i],
+                window.level_s + levels_s[i],
+                window.flat_s + flats_s[i],
+                window.turn_s + turns_s[i],
             )
             state = MotionState(window, state.regression)
             if state.window.seconds >= WINDOW_S - 1e-9:

@@ -7,13 +7,12 @@ scatters by gusts alone. That of a wrong one turns with the course, by up to 2s.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight import WindFilter
+from eadp.core.flight import WindFilter, WindReadings
 from eadp.core.geometry.curves import Point
 from eadp.planning.state.known import WindKnown
 
@@ -89,48 +88,23 @@ class HeadingGate:
         self._unjudged_s = 0.0
         """Time of readings since the last judgement [s]."""
 
-    def ingest(
-        self,
-        vx_mps: Sequence[float] | FloatArray,
-        vy_mps: Sequence[float] | FloatArray,
-        headings_rad: Sequence[float] | FloatArray,
-        steps_s: Sequence[float] | FloatArray,
-        airspeeds_mps: Sequence[float] | FloatArray,
-        wind: WindFilter | None = None,
-    ) -> Sequence[float] | FloatArray:
-        """Judge headings by a batch of readings; return those to use for the wind.
+    def ingest(self, readings: WindReadings, wind: WindFilter | None = None) -> WindReadings:
+        """Judge headings by a batch of readings; return it as it is used for the wind.
 
-        Parameters
-        ----------
-        vx_mps, vy_mps : sequence of float, shape (n,)
-            Ground velocity [m/s]; NaN is no reading.
-        headings_rad : sequence of float, shape (n,)
-            Direction of the nose, 0 east, counter-clockwise [rad]; NaN is no reading.
-        steps_s : sequence of float, shape (n,)
-            Time since the reading before [s].
-        airspeeds_mps : sequence of float, shape (n,)
-            s [m/s].
-        wind : WindFilter, optional
-            Starts again from the wind without headings when they become disbelieved.
-
-        Returns
-        -------
-        sequence of float, shape (n,)
-            `headings_rad`; all NaN where they are disbelieved after this batch.
+        Its headings are all NaN where they are disbelieved after this batch. `wind` starts again from the wind without
+        headings when they become disbelieved.
         """
-        # vectors as complex numbers
-        v = np.asarray(vx_mps, dtype=float) + 1j * np.asarray(vy_mps, dtype=float)
-        theta, steps = np.asarray(headings_rad, dtype=float), np.asarray(steps_s, dtype=float)
+        vx, vy, theta, steps, airspeeds = (np.asarray(column, dtype=float) for column in readings)
+        v = vx + 1j * vy  # vectors as complex numbers
         used = ~np.isnan(v.real + v.imag + theta)
         if used.any():
-            airspeeds = np.asarray(airspeeds_mps, dtype=float)
             # the implied wind u = v − s(cos θ, sin θ)
             total_s = self._add(v, v - airspeeds * np.exp(1j * theta), steps, used)
             self._unjudged_s += float(steps[used].sum())
             if total_s >= MIN_WINDOW_S and self._unjudged_s >= JUDGE_EVERY_S:
                 self._judge(_fit(self._sums), self._unjudged_s, float(airspeeds[-1]), wind)
                 self._unjudged_s = 0.0
-        return np.full(len(theta), math.nan) if self.disbelieved else headings_rad
+        return readings._replace(headings_rad=np.full(len(theta), math.nan)) if self.disbelieved else readings
 
     def _add(self, v: np.ndarray, u: np.ndarray, steps: FloatArray, used: np.ndarray) -> float:
         """Add ground velocities v and implied winds u to the moments; return the time that these cover, faded, [s]."""
@@ -220,24 +194,16 @@ class FlightWind:
         """Plan with a measured wind [m/s], for `MEASURED_WIND_S` from a time on [s]."""
         self._measured = wind_mps, time_s + MEASURED_WIND_S
 
-    def ingest(
-        self,
-        velocities_mps: tuple[FloatArray, FloatArray],
-        headings_rad: FloatArray,
-        steps_s: FloatArray,
-        airspeeds_mps: FloatArray,
-        time_s: float,
-    ) -> None:
-        """Update the estimate with ground velocities and headings, NaN for none; also while another wind is used.
+    def ingest(self, readings: WindReadings, time_s: float) -> None:
+        """Update the estimate with readings, columns that are arrays; also while another wind is used.
 
-        All are of shape (n,). `steps_s` are the times since the reading before [s], `time_s` is that of the last one.
+        `time_s` is the time of the last one [s].
         """
-        vx, vy = velocities_mps
-        believed = np.asarray(self.headings.ingest(vx, vy, headings_rad, steps_s, airspeeds_mps, self._filter))
+        believed = self.headings.ingest(readings, self._filter)
         if self._measured is not None and time_s > self._measured[1]:
             self._measured = None
-        moving = steps_s > 0
-        self._filter.ingest(*(column[moving] for column in (vx, vy, believed, steps_s, airspeeds_mps)))
+        moving = np.asarray(readings.steps_s) > 0
+        self._filter.ingest(WindReadings(*(np.asarray(column)[moving] for column in believed)))
 
     @property
     def mps(self) -> Point:

@@ -54,7 +54,6 @@ def test_line_is_numpys(curve: tuple[np.ndarray, np.ndarray], t: float) -> None:
     x = float(knots[0] + t * (knots[-1] - knots[0]))
     line = interpolant(knots[:, None], values)
     assert line.at((x,)) == pytest.approx(np.interp(x, knots, values), abs=ROUNDING)
-    assert line([[x]]) == pytest.approx([line.at((x,))], abs=ROUNDING)
 
 
 @given(curves())
@@ -73,7 +72,6 @@ def test_grid_is_scipys(axes: list[list[float]], data: st.DataObject, parts: tup
     asked = np.clip(within(axes, parts), grid.lower, grid.upper)
     oracle = RegularGridInterpolator(axes, values.reshape([len(axis) for axis in axes]))
     assert grid.at(asked) == pytest.approx(float(oracle(asked)[0]), abs=1e-7)
-    assert grid(points) == pytest.approx(values, abs=ROUNDING)
     assert [grid.at(point) for point in points] == pytest.approx(values, abs=ROUNDING)
 
 
@@ -98,7 +96,6 @@ def test_scattered_is_scipys(point: np.ndarray) -> None:
     scattered = interpolant(SCATTER, IRREGULAR_W)
     oracle = LinearNDInterpolator(SCATTER, IRREGULAR_W, rescale=True)
     assert scattered.at(point) == pytest.approx(float(oracle(point)[0]))
-    assert scattered([point]) == pytest.approx([scattered.at(point)])
 
 
 def test_grid_with_a_hole_is_scattered() -> None:
@@ -117,8 +114,6 @@ def test_outside_the_range_is_refused(kind: str, fps: float) -> None:
     assert not line.contains((fps,))
     with pytest.raises(Infeasible):
         line.at((fps,))
-    with pytest.raises(Infeasible):
-        line([[5.0], [fps]])
 
 
 def test_rounding_at_the_edge_is_inside() -> None:

@@ -90,13 +90,6 @@ def test_the_path_is_followed_in_wind(wind, path, gain, sense, start):
     assert max(off) < 0.5
 
 
-@pytest.mark.parametrize(("path", "sense", "start"), [(LINE, -1, (30.0, 0.0)), (CIRCLE, 1, (100.0, 0.0))])
-def test_one_normalised_gain_serves_lines_and_circles(path, sense, start):
-    track, _, _ = fly(path, 0.006, sense, STILL, start, 90, 90, guidance=Guidance(normalised=True))
-    off = [abs(path(x, y)[0]) / math.hypot(*path(x, y)[1:3]) for x, y in track[-1500:]]
-    assert max(off) < 0.5
-
-
 @pytest.mark.parametrize("turns", [-3, -1, 0, 1, 2])
 @pytest.mark.parametrize("heading", [-3.14, -0.5, 0.0, 3.0, math.pi])
 def test_a_heading_stays_within_a_turn(heading, turns):

@@ -102,7 +102,6 @@ def drawn(seed):
         "battery.capacity_ah": float(rng.uniform(0.15, 0.45)),
         "battery.voltage_empty_v": [None, 12.5][int(rng.integers(2))],
         "faults": [{"at_s": float(rng.uniform(0, 150)), "soc_drop": 0.1} for _ in range(int(rng.integers(3)))],
-        "guidance.normalised": bool(rng.random() < 0.3),
         "guidance.wind_corrected": bool(rng.random() < 0.7),
         "parameter_changes": str(rng.choice(["latched", "live"])),
         "estimator.every_s": float(rng.choice([0.03, 0.1, 0.25])),

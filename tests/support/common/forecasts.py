@@ -35,7 +35,7 @@ class Forecasting:
             self.mission = replace(self.mission, battery=replace(self.mission.battery, **battery))
         self.settings = replace(inputs.scenario.planner, **settings)
         self.objective = objective or Objective(self.settings.reserve_soc)
-        self.state, self.known = before_take_off(self.settings, self.mission, wind_mps, gust_std_mps)
+        self.known = before_take_off(self.settings, self.mission, wind_mps, gust_std_mps)
         self.evaluator = Evaluator(self.mission, self.settings, self.objective)
         self._predictor = RoutePredictor()
 

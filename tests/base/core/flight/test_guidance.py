@@ -17,7 +17,6 @@ from eadp.core.guidance import (
     heading_rate_radps,
     induced_drag_factor,
     load_factor,
-    normalised_jet,
     wind_factor,
 )
 
@@ -100,23 +99,6 @@ def test_at_a_critical_point_the_heading_is_kept(k_d):
     assert heading_rate_radps(path(25.0, 146.0), 0.0, 0.0, k_e, k_d, 1) == 0, "hovering against the wind"
     for d in (1e-8, 1e-12, 1e-200):
         assert math.isfinite(heading_rate_radps(path(-45.0 + d, 146.0), 10.0, 5.0, k_e, k_d, 1))
-
-
-@given(names, coordinate, coordinate, st.sampled_from([1e-3, -1.0, 40.0]))
-def test_a_normalised_path_does_not_depend_on_its_scale(name, x, y, scale):
-    text, _ = PATHS[name]
-    path, scaled = path_of(name)[0], bind(read_expression(f"{scale}*({text})"), ())
-    assume(math.hypot(*path(x, y)[1:3]) > 1e-3)
-    one, other = np.array(normalised_jet(path(x, y))), np.array(normalised_jet(scaled(x, y)))
-    assert other * math.copysign(1, scale) == pytest.approx(one, rel=1e-9, abs=1e-9)
-    assert math.hypot(one[1], one[2]) == pytest.approx(1)
-
-
-def test_a_normalised_path_is_the_distance_near_it():
-    circle, line = path_of("circle")[0], path_of("line")[0]
-    assert normalised_jet(circle(25.01, 146.0))[0] == pytest.approx(0.01, rel=1e-3)
-    assert normalised_jet(line(1.2 + 30, 1.6 + 40))[0] == pytest.approx(50)
-    assert normalised_jet(circle(-45.0, 146.0)) == circle(-45.0, 146.0), "nothing to divide by at the centre"
 
 
 @given(angles, angles, st.floats(0, 9.9))

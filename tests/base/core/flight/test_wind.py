@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from eadp.core import flight as wind
-from eadp.core.flight import WindFilter, ground_speeds_mps, squared_bank_slopes
+from eadp.core.flight import WindFilter, WindReadings, ground_speeds_mps, squared_bank_slopes
 from eadp.core.guidance import GRAVITY_MPS2
 
 AIRSPEED_MPS = 15.0
@@ -85,7 +85,7 @@ def flown(seconds, wind_mps, gust_std_mps, seed, *, course=None, step_s=1.0):
 def observe(found, velocity_mps, heading_rad, step_s):
     """Take a reading, after a step."""
     (vx, vy), heading = velocity_mps, math.nan if heading_rad is None else heading_rad
-    found.ingest([vx], [vy], [heading], [step_s], [AIRSPEED_MPS])
+    found.ingest(WindReadings([vx], [vy], [heading], [step_s], [AIRSPEED_MPS]))
 
 
 def filtered(readings, *, headings=True, step_s=1.0):

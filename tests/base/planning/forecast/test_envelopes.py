@@ -17,7 +17,7 @@ from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing
 from eadp.models.world import Mission
 from eadp.planning.base import PlannerSettings, TradeOff
-from eadp.planning.forecast.envelopes import Envelopes, concave_envelope
+from eadp.planning.forecast.envelopes import Configurations, Envelopes
 
 HULL, ALGEBRA = 1e-9, 1e-9
 
@@ -51,7 +51,7 @@ fine_points = st.lists(st.tuples(fine, fine), min_size=1, max_size=9)
 @given(points=st.one_of(points, fine_points))
 def test_the_envelope_is_the_upper_hull(points):
     powers, values = (np.array(column) for column in zip(*points, strict=True))
-    envelope = concave_envelope(powers, values, numbered(len(points)))
+    envelope = Configurations(powers, values, numbered(len(points))).envelope(len(points))
     # among the points, the cheapest first, rising in both
     for p, v, (i,) in zip(envelope.powers_w, envelope.values, envelope.configurations, strict=True):
         assert (p, v) == points[int(i)]
@@ -110,17 +110,17 @@ def both():
 class Case:
     """A mission's legs, and their configurations in plain loops."""
 
-    def __init__(self, text=ONE, profile=None, *, total=False, trade_offs=(), weights=None, levels=None):
+    def __init__(self, text=ONE, profile=None, *, trade_offs=(), weights=None, levels=None):
         self.plan = read_plan(Text("p", text))[0]
         self.weights, self.levels = weights or {}, levels or {}
-        self.trade_offs, self.total = trade_offs, total
+        self.trade_offs = trade_offs
         self.rho = self.plan.path_count
         self.computing = join_profile(self.plan, profile or fps())
         first = tuple(self.plan.hull(i).hi for i in range(len(self.plan.parameters)))
         own = tuple(0.3 * box.lo + 0.7 * box.hi for box in map(self.plan.hull, range(len(first))))
         mission = Mission(self.plan, self.computing, Battery(14.8, 0.05, 1.0), FixedWing(), first)
         settings = PlannerSettings(weights=self.weights, levels=self.levels)
-        self.envelopes = Envelopes(mission, settings, trade_offs, total=total)
+        self.envelopes = Envelopes(mission, settings, trade_offs)
         self.route = RoutePredictor().route(PlanCursor.start(self.plan, own), (0.0, -50.0))
 
     def of_legs(self, room_w=None):
@@ -151,11 +151,9 @@ class Case:
         return found
 
     def value(self, sets, choice):
-        """Σ ω c̃ with ω of all parameters that have a choice on the stage; Σ ω c for the total."""
+        """Σ ω c̃ with ω of all parameters that have a choice on the stage."""
         weight = {name: self.weights.get(name, 1.0) for name in self.plan.names}
         names = self.plan.names[self.rho :]
-        if self.total:
-            return sum(weight[name] * value for name, value in zip(names, choice, strict=True))
         scale = sum(weight[name] for name, box in zip(self.plan.names, sets, strict=True) if box.lo < box.hi)
         return sum(
             weight[name] / scale * (value - box.lo) / (box.hi - box.lo)
@@ -170,7 +168,6 @@ CASES = {
     "weights": lambda: Case(TWO, both(), weights={"c1": 3.0, "c3": 0.5}),
     "levels": lambda: Case(levels={"c2": (2.0, 4.0, 10.0)}),
     "trade-offs": lambda: Case(TWO, both(), trade_offs=(TradeOff({"c2": 1.0, "c3": -1.0}, -1.0),)),
-    "total": lambda: Case(TWO, both(), total=True, weights={"c2": 1.0, "c3": 2.0}),
 }
 
 

@@ -396,18 +396,3 @@ def test_the_gain_of_an_increment_is_the_difference_of_u(weights):
             assert values[-1] == pytest.approx(weights.get("c2", 1.0) / total)
         highest = found.knapsack.base_value[place] + found.knapsack.gain[mine].sum()
         assert highest == pytest.approx(quality_of(forecasting, found, place, none + 1, flown), abs=ALGEBRA)
-
-
-def test_total_adds_up_the_computations_over_time():
-    forecasting = Forecasting(survey_inputs(), wind_mps=WIND, objective=Objective(0.05, total=True))
-    found = forecasting.at(0.2, 0.8)
-    for place in range(2):
-        mine = np.flatnonzero(found.legs.place == place)
-        gains, times_s = found.knapsack.gain[mine].sum(axis=1), found.load.times_s[mine]
-        assert gains == pytest.approx(gains[0] / times_s[0] * times_s)
-        # from 2 to 10 frames a second on every leg
-        base, whole = found.knapsack.base_value[place], found.knapsack.base_value[place] + gains.sum()
-        assert whole / base == pytest.approx(10 / 2)
-    seconds = found.totals.seconds
-    assert found.knapsack.base_value[1] / found.knapsack.base_value[0] == pytest.approx(seconds[1] / seconds[0])
-    assert forecasting.evaluator.path_weight == 0.0

@@ -151,7 +151,7 @@ def test_a_preflight_is_the_held_forecast_before_take_off():
     settings, mission = inputs.scenario.planner, inputs.mission
     wind_mps, gusts = (3.0, -2.0), 1.0
     expected = held_preflight(settings, mission, wind_mps, gusts)
-    _, known = before_take_off(settings, mission, wind_mps, gusts)
+    known = before_take_off(settings, mission, wind_mps, gusts)
     assert expected.forecast == HeldForecast(settings, mission).at(known, mission.parameters)
     assert [*expected.parameters] == [*mission.plan.names]
     assert [*expected.parameters.values()] == pytest.approx([*mission.parameters])
@@ -161,7 +161,7 @@ def test_a_preflight_is_the_held_forecast_before_take_off():
 
 def test_other_computations_are_held_too():
     inputs = survey_inputs("static", **CALM)
-    _, known = before_take_off(inputs.scenario.planner, inputs.mission, (0.0, 0.0), 0.0)
+    known = before_take_off(inputs.scenario.planner, inputs.mission, (0.0, 0.0), 0.0)
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
     low, high = (held.at(known, (-500.0, rate)) for rate in (2.0, 10.0))
     assert low.remaining_s == high.remaining_s
@@ -176,5 +176,5 @@ def test_a_plan_that_cannot_be_flown_has_no_forecast():
     inputs = survey_inputs("static")
     settings, mission = inputs.scenario.planner, inputs.mission
     assert held_preflight(settings, mission, (40.0, 0.0), 0.0) is None
-    _, known = before_take_off(settings, mission, (40.0, 0.0), 0.0)
+    known = before_take_off(settings, mission, (40.0, 0.0), 0.0)
     assert HeldForecast(settings, mission).at(known, mission.parameters) is None

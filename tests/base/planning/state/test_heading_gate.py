@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from common import few
 
-from eadp.core.flight import WindFilter
+from eadp.core.flight import WindFilter, WindReadings
 from eadp.planning.state.wind import RESTORE_S, HeadingGate
 
 LAP_S = 60.0
@@ -57,7 +57,8 @@ def disbelieved_at(v, headings, airspeed, batch=1, step_s=1.0, gate=None):
     gate = gate or HeadingGate()
     for k in range(0, len(v), batch):
         part = slice(k, k + batch)
-        gate.ingest(v.real[part], v.imag[part], headings[part], [step_s] * len(v[part]), [airspeed] * len(v[part]))
+        count = len(v[part])
+        gate.ingest(WindReadings(v.real[part], v.imag[part], headings[part], [step_s] * count, [airspeed] * count))
         if gate.disbelieved:
             return k * step_s
     return None
@@ -103,7 +104,7 @@ def test_a_heading_is_believed_again_when_it_has_fitted_for_long():
     gate = HeadingGate()
     assert disbelieved_at(v, heading + math.pi / 2, airspeed, gate=gate) is not None
     for k in range(len(v)):
-        headings = gate.ingest([v.real[k]], [v.imag[k]], [heading[k]], [1.0], [airspeed])
+        headings = gate.ingest(WindReadings([v.real[k]], [v.imag[k]], [heading[k]], [1.0], [airspeed])).headings_rad
         if not gate.disbelieved:
             break
         assert math.isnan(headings[0])
@@ -120,8 +121,9 @@ def test_batches_make_no_difference():
 def test_what_is_not_measured_is_no_evidence():
     gate = HeadingGate()
     nothing = [math.nan] * 40
-    assert gate.ingest(nothing, nothing, [0.0] * 40, [1.0] * 40, [15.0] * 40) == [0.0] * 40
-    assert gate.ingest([15.0] * 40, [0.0] * 40, nothing, [1.0] * 40, [15.0] * 40) is nothing
+    for velocity, headings in ((nothing, [0.0] * 40), ([15.0] * 40, nothing)):
+        readings = WindReadings(velocity, velocity, headings, [1.0] * 40, [15.0] * 40)
+        assert gate.ingest(readings) is readings
     assert not gate.disbelieved
 
 
@@ -129,7 +131,7 @@ def test_the_wind_starts_again_without_headings():
     v, heading, airspeed = flown(3, gust_mps=0.5, wind_mps=6.0)
     gate, wind = HeadingGate(), WindFilter()
     for k in range(len(v)):
-        one = [v.real[k]], [v.imag[k]], [math.pi / 2 - heading[k]], [1.0]
-        wind.ingest(*one[:2], gate.ingest(*one, [airspeed], wind), [1.0], [airspeed])
+        one = WindReadings([v.real[k]], [v.imag[k]], [math.pi / 2 - heading[k]], [1.0], [airspeed])
+        wind.ingest(gate.ingest(one, wind))
     true = np.mean(v - airspeed * np.exp(1j * heading))
     assert math.dist(wind.wind_mps, (true.real, true.imag)) < 1.0
