@@ -12,20 +12,15 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import IO, Protocol
+from typing import IO, Annotated, Protocol
 
 from eadp.core.signals import SampleMean, average
 from eadp.errors import CommandError, Fault, InputError, printable
-from eadp.io.profile.measurements import (
-    PARAMETERS_LIMIT,
-    Axis,
-    Configuration,
-    MeasurementSettings,
-    MeasureOptions,
-    read_axes,
-)
+from eadp.io.profile.measurements import A_NAME, LARGEST, PARAMETERS_LIMIT, read_heading
+from eadp.io.text.csv import NUMBER
+from eadp.io.text.options import Flag, check_range
 from eadp.measure.power_sensor import Meter, Sensor, choose_sensor
-from eadp.models.profile import shortest, titles
+from eadp.models.profile import configuration_text, shortest, titles
 
 MIN_SAMPLES = 30
 """Fewest samples of a configuration: fewer do not show the correlation of consecutive samples."""
@@ -45,6 +40,114 @@ TAIL_BYTES = 400
 
 CONFIGURATIONS_LIMIT = 1000
 """Most configurations of one measurement."""
+
+SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
+"""Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""
+
+
+@dataclass(frozen=True)
+class MeasurementSettings:
+    """Accuracy and duration of a measurement."""
+
+    warmup_s: float = 5.0
+    """Time before the first sample."""
+
+    interval_s: float = 0.2
+    """Time from one sample to the next."""
+
+    accuracy_w: float = 0.05
+    """Standard error to measure to [W]."""
+
+    longest_s: float = 120.0
+    """Longest time at a configuration."""
+
+    def reached(self, found: SampleMean) -> bool:
+        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
+        return found.std > 0 and found.standard_error <= self.accuracy_w
+
+
+@dataclass(frozen=True)
+class MeasureOptions(MeasurementSettings):
+    """How the power of a command is measured."""
+
+    config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
+    """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
+    fps=2,4,keysize=32,448."""
+
+    sensor: Annotated[str, Flag(metavar="KIND:NAME")] = ""
+    """The sensor to read, or its path."""
+
+    sysfs: Annotated[str, Flag(metavar="DIR")] = "/sys"
+    """Root of the sensors."""
+
+    def check(self) -> None:
+        """Refuse values out of range; raises InputError."""
+        check_range("--warmup", self.warmup_s, 0.0, MAX_TIME_S, closed=True)
+        check_range("--interval", self.interval_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
+        check_range("--accuracy", self.accuracy_w, 0.0, math.inf)
+        check_range("--longest", self.longest_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
+
+
+# ── configurations in options ──
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Parameters of the computations, their units ('' unknown) and a value [unit] for each."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: tuple[float, ...]
+
+    def __str__(self) -> str:
+        return configuration_text(self.names, self.values, ",")
+
+
+_A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The values of one parameter."""
+
+    name: str
+    unit: str
+    values: list[float]
+
+
+def parse_configuration(raw: str, option: str = "--config", expected: str = _A_CONFIGURATION) -> Configuration:
+    """Read `fps=0.5,keysize=32`, a configuration: one value for each parameter; raises InputError at the option."""
+    axes = read_axes(raw, option, expected)
+    for axis in axes:
+        if len(axis.values) > 1:
+            raise InputError.at(option, 1, 1, f"{len(axis.values)} values of {axis.name}", "one", raw)
+    names, units, values = zip(*((axis.name, axis.unit, axis.values[0]) for axis in axes), strict=True)
+    return Configuration(names, units, values)
+
+
+def read_axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> list[Axis]:
+    """Read `fps=2,4,keysize=32`, as `parse_configuration`: a piece without a name is another value of the last one."""
+    axes: list[Axis] = []
+    column = 1
+    for piece in raw.split(","):
+        title, equals, text = piece.rpartition("=")
+        problem, expected = "", form
+        if equals:
+            heading = read_heading(title.strip())
+            axes.append(Axis(heading.name, heading.unit, []))
+            problem, expected = heading.problem or ("a power is no parameter" if heading.per_watt else ""), A_NAME
+            if heading.name in [axis.name for axis in axes[:-1]]:
+                problem, expected = f"{heading.name} stands twice", "each once"
+        elif not axes:
+            problem = f"{printable(piece.strip(), 80) or 'an empty text'} is no name=value"
+        if not problem and not (NUMBER.match(text.strip()) and abs(float(text)) <= LARGEST):
+            shown = printable(text.strip(), 80) or "empty"
+            problem, expected = f"{axes[-1].name} is {shown}, not a finite number", form
+        if problem:
+            raise InputError.at(option, 1, column, problem, expected, raw)
+        axes[-1].values.append(float(text))
+        column += len(piece) + 1
+    return axes
 
 
 def configurations_to_measure(stated: Sequence[str]) -> list[Configuration]:
@@ -86,6 +189,9 @@ def _product(group: Iterable[Sequence[Axis]]) -> Iterable[Configuration]:
         names, units = tuple(axis.name for axis in sorted_axes), tuple(axis.unit for axis in sorted_axes)
         for values in itertools.product(*(axis.values for axis in sorted_axes)):
             yield Configuration(names, units, values)
+
+
+# ── the loop ──
 
 
 class Clock(Protocol):

@@ -1,23 +1,21 @@
-"""Measurements of computations as CSV: a header, powprofiler's flags, or numbers alone; configurations in options."""
+"""Measurements of computations as CSV: a header, powprofiler's flags, or numbers alone."""
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.signals import SampleMean, average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
-from eadp.io.text.options import Flag, check_range, given_options
 from eadp.io.text.streams import Text
-from eadp.models.profile import Profile, configuration_text
+from eadp.models.profile import Profile
 
 STD_LIMIT = 0.2
 """Standard deviation of a repeated configuration, relative to its mean, beyond which a reading may be wrong."""
@@ -50,19 +48,7 @@ _NO_PARAMETER = re.compile(
 _POSITION = re.compile(r"[xy]_m\Z|(?:lat|lon|latitude|longitude)(?:_deg)?\Z", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class Configuration:
-    """Parameters of the computations, their units ('' unknown) and a value [unit] for each."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: tuple[float, ...]
-
-    def __str__(self) -> str:
-        return configuration_text(self.names, self.values, ",")
-
-
-def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
+def read_measurements(tables: Sequence[Text], names: Sequence[str] = ()) -> tuple[Profile, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
     Parameters
@@ -70,13 +56,13 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
     tables : sequence of Text
         One or more, of the same parameters.
     names : sequence of str
-        Names for parameters without names in the file; see `eadp.io.profile.model_file.read_profile`.
+        Names for parameters without names in the file.
 
     Returns
     -------
     Profile
     list of Fault
-        Warnings.
+        Warnings, first by line.
 
     Raises
     ------
@@ -120,7 +106,8 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
     except Infeasible as error:
         first = next(iter(readings.values())).row
         raise InputError(first.fault(0, str(error), "a full grid, or points that span an area")) from None
-    return profile, warnings
+    found = [replace(fault, severity="warning") for fault in warnings]
+    return profile, sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
 def _unlikely(readings: Sequence[_Reading], averages: Sequence[SampleMean]) -> list[Fault]:
@@ -347,125 +334,3 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: dict[tuple[float,
         before = point
     refuse(faults)
     return row
-
-
-# ── configurations in options ──
-
-_A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
-
-
-@dataclass(frozen=True)
-class Axis:
-    """The values of one parameter."""
-
-    name: str
-    unit: str
-    values: list[float]
-
-
-def parse_configuration(raw: str, option: str = "--config", expected: str = _A_CONFIGURATION) -> Configuration:
-    """Read `fps=0.5,keysize=32`, a configuration: one value for each parameter; raises InputError at the option."""
-    axes = read_axes(raw, option, expected)
-    for axis in axes:
-        if len(axis.values) > 1:
-            raise InputError.at(option, 1, 1, f"{len(axis.values)} values of {axis.name}", "one", raw)
-    names, units, values = zip(*((axis.name, axis.unit, axis.values[0]) for axis in axes), strict=True)
-    return Configuration(names, units, values)
-
-
-def read_axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> list[Axis]:
-    """Read `fps=2,4,keysize=32`, as `parse_configuration`: a piece without a name is another value of the last one."""
-    axes: list[Axis] = []
-    column = 1
-    for piece in raw.split(","):
-        title, equals, text = piece.rpartition("=")
-        problem, expected = "", form
-        if equals:
-            heading = read_heading(title.strip())
-            axes.append(Axis(heading.name, heading.unit, []))
-            problem, expected = heading.problem or ("a power is no parameter" if heading.per_watt else ""), A_NAME
-            if heading.name in [axis.name for axis in axes[:-1]]:
-                problem, expected = f"{heading.name} stands twice", "each once"
-        elif not axes:
-            problem = f"{printable(piece.strip(), 80) or 'an empty text'} is no name=value"
-        if not problem and not (NUMBER.match(text.strip()) and abs(float(text)) <= LARGEST):
-            shown = printable(text.strip(), 80) or "empty"
-            problem, expected = f"{axes[-1].name} is {shown}, not a finite number", form
-        if problem:
-            raise InputError.at(option, 1, column, problem, expected, raw)
-        axes[-1].values.append(float(text))
-        column += len(piece) + 1
-    return axes
-
-
-# --- options: which columns are read, how the power of a command is measured
-
-
-@dataclass(frozen=True)
-class PowerColumns:
-    """Which columns of a recording are read."""
-
-    power: Annotated[Sequence[str], Flag(metavar="COLUMN")] = ()
-    """Column of the power, with its unit where its name has none: 'PWR_AVG [W]'. May repeat: they are added."""
-
-    of: Annotated[str, Flag(metavar="NAME,…")] = ""
-    """Columns of the parameters, in a table with others."""
-
-    trim: Annotated[int, Flag(low=0)] = 0
-    """Leave out so many readings at the start and the end of a trace, as of an idle computer."""
-
-    @property
-    def parameters(self) -> list[str]:
-        """The names of `of`."""
-        return [name.strip() for name in self.of.split(",")] if self.of else []
-
-
-SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
-"""Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""
-
-
-@dataclass(frozen=True)
-class MeasurementSettings:
-    """Accuracy and duration of a measurement."""
-
-    warmup_s: float = 5.0
-    """Time before the first sample."""
-
-    interval_s: float = 0.2
-    """Time from one sample to the next."""
-
-    accuracy_w: float = 0.05
-    """Standard error to measure to [W]."""
-
-    longest_s: float = 120.0
-    """Longest time at a configuration."""
-
-    def reached(self, found: SampleMean) -> bool:
-        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
-        return found.std > 0 and found.standard_error <= self.accuracy_w
-
-
-@dataclass(frozen=True)
-class MeasureOptions(MeasurementSettings):
-    """How the power of a command is measured."""
-
-    config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
-    """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
-    fps=2,4,keysize=32,448."""
-
-    sensor: Annotated[str, Flag(metavar="KIND:NAME")] = ""
-    """The sensor to read, or its path."""
-
-    sysfs: Annotated[str, Flag(metavar="DIR")] = "/sys"
-    """Root of the sensors."""
-
-    def given(self) -> list[str]:
-        """Those given, as options; without `--config`, which is not for measuring alone."""
-        return [option for option in given_options(self) if option != "--config"]
-
-    def check(self) -> None:
-        """Refuse values out of range; raises InputError."""
-        check_range("--warmup", self.warmup_s, 0.0, MAX_TIME_S, closed=True)
-        check_range("--interval", self.interval_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
-        check_range("--accuracy", self.accuracy_w, 0.0, math.inf)
-        check_range("--longest", self.longest_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
