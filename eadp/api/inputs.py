@@ -155,8 +155,6 @@ class FlightInputs:
             return None
         found, world = self._before_take_off(self.scenario.planner), self.world
         wind, airspace = world.wind, world.mission.plan.site.airspace
-        if found is not None and set(found.airspeeds_mps) - {self.mission.cruise_mps}:
-            found = replace(found, at_cruise=self.at_one_airspeed().preflight(whole=False))
         if found is None or not whole or not any(airspace):
             return found
         from eadp.planning.forecast import clearance  # few plans have obstacles

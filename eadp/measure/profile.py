@@ -196,7 +196,7 @@ def read_profile(
         profile, warnings = parse_profile(models[0])
     else:
         tables, notes = as_tables(texts, columns or PowerColumns(), configurations)
-        profile, warnings = read_measurements(tables, names)
+        profile, warnings = read_measurements(tables)
     profile = _renamed(profile, names)
     if interpolation:
         try:

@@ -11,14 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.signals import SampleMean, average
+from eadp.core.signals import average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.streams import Text
 from eadp.models.profile import Profile
-
-STD_LIMIT = 0.2
-"""Standard deviation of a repeated configuration, relative to its mean, beyond which a reading may be wrong."""
 
 LARGEST = 1e30
 """Largest magnitude of a number in a profile: no power or parameter, and far from where floats end."""
@@ -45,18 +42,14 @@ _NO_PARAMETER = re.compile(
     re.IGNORECASE,
 )
 
-_POSITION = re.compile(r"[xy]_m\Z|(?:lat|lon|latitude|longitude)(?:_deg)?\Z", re.IGNORECASE)
 
-
-def read_measurements(tables: Sequence[Text], names: Sequence[str] = ()) -> tuple[Profile, list[Fault]]:
+def read_measurements(tables: Sequence[Text]) -> tuple[Profile, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
     Parameters
     ----------
     tables : sequence of Text
         One or more, of the same parameters.
-    names : sequence of str
-        Names for parameters without names in the file.
 
     Returns
     -------
@@ -78,7 +71,7 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str] = ()) -> tupl
         first = next(rows, None)
         if first is None:
             raise InputError.at(table.name, 1, 1, "no measurements", f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(first, names)
+        layout = _layout(first)
         if layouts and layout.measured != layouts[0].measured:
             expected = f"{layouts[0].measured}, as in the first file"
             raise InputError(first.fault(0, f"measurements of {layout.measured}", expected))
@@ -89,9 +82,9 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str] = ()) -> tupl
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
         raise InputError(last.fault(0, message, "measurements of two configurations or more"))
-    averages = [average(each.runs) for each in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
-    warnings += _unlikely([*readings.values()], averages)
+    warnings += _too_large(max(readings.values(), key=lambda each: each.max_w))
+    averages = [average(each.runs) for each in readings.values()]
     try:
         profile = Profile(
             names=tuple(column.name for column in layouts[0].configuration),
@@ -110,19 +103,14 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str] = ()) -> tupl
     return profile, sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
-def _unlikely(readings: Sequence[_Reading], averages: Sequence[SampleMean]) -> list[Fault]:
-    """Warnings of powers that vary, and of a power too large for a computer; raises InputError if it has no unit."""
-    warnings = []
-    for reading, found in zip(readings, averages, strict=True):
-        if found.std > STD_LIMIT * found.mean:
-            message = f"a power that varies by {found.std / found.mean:.0%} of its mean at one configuration"
-            warnings.append(reading.fault(message))
-    largest = max(readings, key=lambda each: each.max_w)
-    if largest.max_w > LARGE_W:
-        fault = largest.fault(f"a power of {largest.max_w:g} W", f"at most {LARGE_W:g} W of a computer; mW in power_mw")
-        refuse([] if largest.layout.columns[largest.layout.power].unit else [fault])
-        warnings.append(fault)
-    return warnings
+def _too_large(largest: _Reading) -> list[Fault]:
+    """A warning of a power too large for a computer; raises InputError if it has no unit."""
+    if largest.max_w <= LARGE_W:
+        return []
+    power, message = largest.layout.power, f"a power of {largest.max_w:g} W"
+    fault = largest.row.fault(power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
+    refuse([] if largest.layout.columns[power].unit else [fault])
+    return [fault]
 
 
 def stated_source(text: Text) -> str:
@@ -176,12 +164,8 @@ class _Reading(NamedTuple):
         """The greatest power [W]."""
         return max(map(max, self.runs))
 
-    def fault(self, message: str, expected: str = "") -> Fault:
-        """A fault of its power."""
-        return self.row.fault(self.layout.power, message, expected)
 
-
-def _layout(row: Row, names: Sequence[str]) -> _Layout:
+def _layout(row: Row) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
     headings = _headings(row.fields)
     if headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
@@ -190,21 +174,18 @@ def _layout(row: Row, names: Sequence[str]) -> _Layout:
         raise InputError(row.fault(0, message, expected))
     if len(row.fields) == 1:
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
-    layout = _headerless(row, names) if headings is None else _header(row, headings)
+    layout = _headerless(row) if headings is None else _header(row, headings)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
     return layout
 
 
-def _headerless(row: Row, names: Sequence[str]) -> _Layout:
-    """Numbers alone: parameters, then power; a single parameter is called c."""
-    d = len(row.fields) - 1
-    if d > 1 and len(names) != d:
-        message = f"{d + 1} columns without names"
-        raise InputError(row.fault(0, message, f"{_A_HEADER}, or --names with {d} names"))
-    columns = [*(ColumnHeading(name, "") for name in (names if d > 1 else ["c"])), ColumnHeading("power", "W", 1.0)]
-    return _Layout(columns, list(range(d)), power=d, header=False)
+def _headerless(row: Row) -> _Layout:
+    """Numbers alone: a parameter, which is called c, and the power."""
+    if len(row.fields) > 2:
+        raise InputError(row.fault(0, f"{len(row.fields)} columns without names", _A_HEADER))
+    return _Layout([ColumnHeading("c", ""), ColumnHeading("power", "W", 1.0)], [0], power=1, header=False)
 
 
 def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:
@@ -242,9 +223,6 @@ def _is_parameter(heading: ColumnHeading) -> bool:
 def _header(row: Row, headings: Sequence[ColumnHeading]) -> _Layout:
     _check_headings(row, headings)
     power = _power_column(row, headings)
-    if places := [i for i, heading in enumerate(headings) if _POSITION.match(heading.name)]:
-        message = f"{headings[places[0]].name} is a position: this is the log of a flight"
-        raise InputError(row.fault(places[0], message, "measurements of configurations; eadp fit reads logs"))
     parameters = [i for i, heading in enumerate(headings) if _is_parameter(heading)]
     warnings = [
         row.fault(i, f"{heading.name} is no parameter of the computations: ignored")
@@ -317,8 +295,6 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: dict[tuple[float,
             faults.append(row.fault(at, f"{len(row.fields)} fields", f"{width}, as in the first row"))
             continue
         wrong = [row.fault(i, *fault) for i in columns if (fault := number_fault(row.fields[i], LARGEST))]
-        if wrong and layout.header and len(layout.parameters) > 1 and not readings:
-            wrong[0] = replace(wrong[0], expected=f"{wrong[0].expected}; --of NAME,… names the columns of parameters")
         if wrong:
             faults += wrong
             continue
