@@ -8,8 +8,6 @@
 | `grounds` | `files` | a function from `--terrain`'s files to a `Ground`, the heights of points |
 | `fences` | any | a function from a text to the fences in it as (inside, corners °, place); None where it has no such |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
-| `measurers` | `command` | what `eadp profile --measure` runs |
-| `recordings` | `power` | makes tables of what programs record of a computer's power, for `eadp profile` |
 | `log_tables` | `autopilot` | reads topics of an autopilot's log as tables, for `eadp replan` and sorties |
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
 | `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
@@ -20,7 +18,7 @@
 | `page` | `place`, `check`, `html` | where the page of a result goes, whether it may, and its text |
 | `pages` | any | a `PageSource`: what `eadp report` makes pages of |
 | `results` | `flight` | reads the folder of a flight again |
-| `charts` | `periodogram`, `profile` | what a figure of another room draws into its axes; the figure of a profile |
+| `charts` | `periodogram` | what a figure of another room draws into its axes |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `batteries` | of `battery.chemistry` | a function: open-circuit voltage of a cell [V] of the state of charge, 0 to 1 |
@@ -44,7 +42,7 @@ from eadp.errors import EadpError, printable
 OWN: dict[str, dict[str, str]] = {
     "commands": {
         "plan": "eadp.cli.plan:command",
-        "profile": "eadp.cli.profile:command",
+        "profile": "eadp.measure.profile:command",
         "fit": "eadp.measure.command:command",
         "simulate": "eadp.cli.simulate:command",
         "cover": "eadp.survey.command:command",
@@ -64,8 +62,6 @@ OWN: dict[str, dict[str, str]] = {
         "sympy": "eadp.check.proof:sympy_text",
         "latex": "eadp.check.proof:latex_text",
     },
-    "measurers": {"command": "eadp.measure.measuring:measure_profile"},
-    "recordings": {"power": "eadp.measure.recordings:as_tables"},
     "log_tables": {"autopilot": "eadp.measure.autopilot_logs:read_tables"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.recorded:flown_track"},
@@ -84,10 +80,7 @@ OWN: dict[str, dict[str, str]] = {
         "sweep": "eadp.sweep.page:PAGE",
     },
     "results": {"flight": "eadp.report.report:read_folder"},
-    "charts": {
-        "periodogram": "eadp.measure.figures:draw_periodogram",
-        "profile": "eadp.measure.figures:write_profile_figure",
-    },
+    "charts": {"periodogram": "eadp.measure.figures:draw_periodogram"},
     "planners": {
         "static": "eadp.planning.registry:Planner",
         "paper": "eadp.papers.planner:PaperPlanner",

@@ -177,15 +177,8 @@ def forecast_values(expected: Preflight) -> dict[str, Any]:
     }
     if expected.autopilot_text:
         values["autopilot"] = expected.autopilot_text
-    if (own := expected.at_cruise) is not None:
+    if expected.airspeeds_mps:
         values["airspeeds_mps"] = list(expected.airspeeds_mps)
-        values["at_cruise"] = {
-            "airspeed_mps": own.evaluated[0].known.airspeed_mps,
-            "completes_probability": own.forecast.completes_probability,
-            "time_s": own.forecast.remaining_s,
-            "soc_end": own.forecast.soc_end,
-            "quality": own.quality,
-        }
     return values
 
 
@@ -325,12 +318,9 @@ def fly_flight(
         on_step(step)
     summary = summarise(inputs.world, planned, outcome, inputs.scenario.planner, expected, inputs.never_past)
     flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
-    if (
-        steps
-        and inputs.mission.plan.site.field is not None
-        and (covered := flown_coverage(inputs.mission.plan, flown_of_plan(flight.lists, outcome.turned_back_s), 1))
-    ):
-        summary["coverage"] = covered[1][-1]
+    plan = inputs.mission.plan
+    if steps and plan.site.field is not None:
+        summary["coverage"] = flown_coverage(plan, flown_of_plan(flight.lists, outcome.turned_back_s))
     return flight
 
 

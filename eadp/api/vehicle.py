@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.io.profile import model_file
+from eadp.io.profile.model_file import parse_profile
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle import VehicleFile, read_vehicle
 from eadp.models.performance import Performance, performance
@@ -26,7 +26,7 @@ def read_profile(file: File, *, warn: Warn = python_warnings) -> Profile:
     InputError
         With the faults of the file.
     """
-    profile, found = model_file.read_profile(str(file))
+    profile, found = parse_profile(read_text(str(file)))
     warn(found)
     return profile
 

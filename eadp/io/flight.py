@@ -99,23 +99,6 @@ def _entry_text(entry: Mapping[str, Any]) -> str:
     return f"{where} {entry['name']} from {entry['entered_s']:.1f} s on, {entry['inside_m']:.0f} m"
 
 
-def _slowed(expected: Mapping[str, Any]) -> Account:
-    """What another airspeed than the aircraft's own buys."""
-    if "at_cruise" not in expected:
-        return []
-    own = expected["at_cruise"]
-    minutes = f"{expected['time_s'] / 60:.0f} min"
-    if (own["completes_probability"] or 0.0) < 0.5:
-        instead = "the battery does not last"
-    else:
-        instead = f"{own['time_s'] / 60:.0f} min"
-        if expected["quality"] is not None and own["quality"] is not None:
-            better, worse = (f"with a quality of {each['quality']:.2f}" for each in (expected, own))
-            minutes, instead = f"{minutes} {better}", f"{instead} {worse}"
-    flown = airspeeds_text(expected["airspeeds_mps"])
-    return [("airspeed", f"{flown}: {minutes}; at {own['airspeed_mps']:g} m/s {instead}")]
-
-
 def _reach(expected: Mapping[str, Any]) -> Account:
     """How far one pack carries a mission that it does not finish, and how many it takes."""
     if expected["batteries"] == 1:
@@ -149,7 +132,6 @@ def _expected(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Acc
     return [
         ("forecast", f"finishes: {finishes}; {stated}"),
         ("counts", counted_text(scenario, plan, expected)),
-        *_slowed(expected),
         *_reach(expected),
         *home,
         *([("autopilot", autopilot)] if "autopilot" in expected else []),
@@ -178,11 +160,8 @@ def parameter_text(values: Mapping[str, Any]) -> str:
     return f"mean {value_of(values, 'mean')}, first {first}, last {last}, {changed}"
 
 
-PARTS = 100
-"""Number of times at which the ground covered so far is computed."""
-
 MAX_INTERVAL_S = 2.0
-"""Longest interval of a log from which it can be computed [s]."""
+"""Longest interval of a log from which the ground covered can be computed [s]."""
 
 Line = tuple[Point, ...]
 
@@ -222,28 +201,14 @@ def flown_of_plan(columns: Mapping[str, Sequence[float]], turned_back_s: float |
     return {name: values[:end] for name, values in columns.items()}
 
 
-def flown_coverage(
-    plan: Plan, columns: Mapping[str, Sequence[float]], parts: int = PARTS
-) -> tuple[list[float], list[float]] | None:
-    """Times [s] and the share of the plan's field that is covered by then.
-
-    None where the plan has no field or no swath, or the log is too coarse.
-    """
+def flown_coverage(plan: Plan, columns: Mapping[str, Sequence[float]]) -> float | None:
+    """The share of the plan's field that is covered; None where it has none or no swath, or the log is too coarse."""
     times = columns["time_s"]
-    if plan.site.field is None or plan.site.swath_m is None or len(times) < 2:
+    if plan.site.field is None or plan.site.swath_m is None or len(times) < 2 or max(np.diff(times)) > MAX_INTERVAL_S:
         return None
-    if max(np.diff(times)) > MAX_INTERVAL_S:
-        return None
-    from eadp.core.geometry.polygons import covered_shares
+    from eadp.core.geometry.polygons import covered_share
 
-    ends = np.unique(np.linspace(0, len(times) - 1, parts + 1).astype(int)).tolist()
-    starts = [0, *(np.flatnonzero(np.diff(columns["stage"])) + 1).tolist()]
-    tracks = []
-    for a, b in itertools.pairwise(ends):
-        first = starts[bisect.bisect_right(starts, a) - 1]  # a line is one piece: its parts would not join in a bend
-        tracks.append(flown_lines(plan, {name: columns[name][first : b + 1] for name in ("stage", "x_m", "y_m")}))
-    shares = covered_shares(plan.site.field.parts, tracks, plan.site.swath_m)
-    return [times[i] for i in ends], shares
+    return covered_share(plan.site.field.parts, flown_lines(plan, columns), plan.site.swath_m)
 
 
 def solver_text(summary: Mapping[str, Any]) -> str | None:

@@ -1,32 +1,26 @@
-"""Measurements of power while a command runs: configurations, the command's process, the sensor, and the CSV."""
+"""Measurements of power while a command runs: configurations, the loop over them, the command's process, and the CSV."""
 
 from __future__ import annotations
 
 import itertools
 import math
 import os
-import re
 import signal
 import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import IO, Protocol
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import IO, Annotated, Protocol
 
 from eadp.core.signals import SampleMean, average
 from eadp.errors import CommandError, Fault, InputError, printable
-from eadp.io.profile.measurements import (
-    PARAMETERS_LIMIT,
-    Axis,
-    Configuration,
-    MeasurementSettings,
-    MeasureOptions,
-    read_axes,
-)
-from eadp.models.profile import shortest, titles
+from eadp.io.profile.measurements import A_NAME, LARGEST, PARAMETERS_LIMIT, read_heading
+from eadp.io.text.csv import NUMBER
+from eadp.io.text.options import Flag, check_range
+from eadp.measure.power_sensor import Meter, Sensor, choose_sensor
+from eadp.models.profile import configuration_text, shortest, titles
 
 MIN_SAMPLES = 30
 """Fewest samples of a configuration: fewer do not show the correlation of consecutive samples."""
@@ -46,6 +40,114 @@ TAIL_BYTES = 400
 
 CONFIGURATIONS_LIMIT = 1000
 """Most configurations of one measurement."""
+
+SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
+"""Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""
+
+
+@dataclass(frozen=True)
+class MeasurementSettings:
+    """Accuracy and duration of a measurement."""
+
+    warmup_s: float = 5.0
+    """Time before the first sample."""
+
+    interval_s: float = 0.2
+    """Time from one sample to the next."""
+
+    accuracy_w: float = 0.05
+    """Standard error to measure to [W]."""
+
+    longest_s: float = 120.0
+    """Longest time at a configuration."""
+
+    def reached(self, found: SampleMean) -> bool:
+        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
+        return found.std > 0 and found.standard_error <= self.accuracy_w
+
+
+@dataclass(frozen=True)
+class MeasureOptions(MeasurementSettings):
+    """How the power of a command is measured."""
+
+    config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
+    """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
+    fps=2,4,keysize=32,448."""
+
+    sensor: Annotated[str, Flag(metavar="KIND:NAME")] = ""
+    """The sensor to read, or its path."""
+
+    sysfs: Annotated[str, Flag(metavar="DIR")] = "/sys"
+    """Root of the sensors."""
+
+    def check(self) -> None:
+        """Refuse values out of range; raises InputError."""
+        check_range("--warmup", self.warmup_s, 0.0, MAX_TIME_S, closed=True)
+        check_range("--interval", self.interval_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
+        check_range("--accuracy", self.accuracy_w, 0.0, math.inf)
+        check_range("--longest", self.longest_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
+
+
+# ── configurations in options ──
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Parameters of the computations, their units ('' unknown) and a value [unit] for each."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: tuple[float, ...]
+
+    def __str__(self) -> str:
+        return configuration_text(self.names, self.values, ",")
+
+
+_A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The values of one parameter."""
+
+    name: str
+    unit: str
+    values: list[float]
+
+
+def parse_configuration(raw: str, option: str = "--config", expected: str = _A_CONFIGURATION) -> Configuration:
+    """Read `fps=0.5,keysize=32`, a configuration: one value for each parameter; raises InputError at the option."""
+    axes = read_axes(raw, option, expected)
+    for axis in axes:
+        if len(axis.values) > 1:
+            raise InputError.at(option, 1, 1, f"{len(axis.values)} values of {axis.name}", "one", raw)
+    names, units, values = zip(*((axis.name, axis.unit, axis.values[0]) for axis in axes), strict=True)
+    return Configuration(names, units, values)
+
+
+def read_axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> list[Axis]:
+    """Read `fps=2,4,keysize=32`, as `parse_configuration`: a piece without a name is another value of the last one."""
+    axes: list[Axis] = []
+    column = 1
+    for piece in raw.split(","):
+        title, equals, text = piece.rpartition("=")
+        problem, expected = "", form
+        if equals:
+            heading = read_heading(title.strip())
+            axes.append(Axis(heading.name, heading.unit, []))
+            problem, expected = heading.problem or ("a power is no parameter" if heading.per_watt else ""), A_NAME
+            if heading.name in [axis.name for axis in axes[:-1]]:
+                problem, expected = f"{heading.name} stands twice", "each once"
+        elif not axes:
+            problem = f"{printable(piece.strip(), 80) or 'an empty text'} is no name=value"
+        if not problem and not (NUMBER.match(text.strip()) and abs(float(text)) <= LARGEST):
+            shown = printable(text.strip(), 80) or "empty"
+            problem, expected = f"{axes[-1].name} is {shown}, not a finite number", form
+        if problem:
+            raise InputError.at(option, 1, column, problem, expected, raw)
+        axes[-1].values.append(float(text))
+        column += len(piece) + 1
+    return axes
 
 
 def configurations_to_measure(stated: Sequence[str]) -> list[Configuration]:
@@ -89,272 +191,7 @@ def _product(group: Iterable[Sequence[Axis]]) -> Iterable[Configuration]:
             yield Configuration(names, units, values)
 
 
-# ── sensors ──
-
-KINDS = ("ina3221", "hwmon", "powercap", "power_supply")
-"""Power sensors of a Linux computer in files under /sys, in the order of preference where none is named:
-
-ina3221
-    Rails of an INA3221 (hwmon): `in1_input` [mV] × `curr1_input` [mA]. The board's input, where a rail is labelled so.
-hwmon
-    `power1_input` [µW], or `power1_average`, of any other chip.
-powercap
-    `energy_uj` [µJ], a counter that wraps around after `max_energy_range_uj`: RAPL. `psys` is the whole platform.
-power_supply
-    `power_now` [µW], or `voltage_now` [µV] × `current_now` [µA]: a battery while it is discharged.
-"""
-
-TOTALS = frozenset({"vdd_in", "pom_5v_in", "5v_in", "vin", "psys"})
-"""Labels, in lower case, of channels that feed all others of their kind."""
-
-_WHOLE_NUMBER = re.compile(r"[+-]?[0-9]{1,30}\Z")
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """Files in which the kernel shows a power.
-
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    name : str
-        The chip or zone, and the label of its channel.
-    path : Path
-        The folder or file that identifies it.
-    files : tuple of Path
-        The files to read: one of power or energy, or one of voltage and one of current.
-    watts : float
-        Watts per unit of the file's number, or of the product of two; joules for a counter of energy.
-    range_file : Path, optional
-        Of a counter of energy, the file with the number at which it wraps around.
-    part : bool
-        Whether it measures a part of another sensor, such as one core of a processor.
-    """
-
-    kind: str
-    name: str
-    path: Path
-    files: tuple[Path, ...]
-    watts: float
-    range_file: Path | None = None
-    part: bool = False
-
-    @property
-    def counts_energy(self) -> bool:
-        """Whether the file is a counter of energy, and not a power."""
-        return self.range_file is not None
-
-    @property
-    def label(self) -> str:
-        """Its name for `--sensor`."""
-        return f"{self.kind}:{self.name}"
-
-    @property
-    def readable(self) -> bool:
-        """Whether this user can read it."""
-        with suppress(InputError):
-            return bool([_number(file) for file in self.files])
-        return False
-
-
-def find_sensors(root: str) -> list[Sensor]:
-    """All the power sensors under a root such as `/sys`, in the order of `KINDS`, then by path.
-
-    Raises
-    ------
-    InputError
-        If the root is no folder.
-    """
-    base = Path(root)
-    if not base.is_dir():
-        raise InputError.at(root, 1, 1, "is no folder", "the root of sysfs, such as /sys")
-    chips, zones, supplies = base / "class/hwmon", base / "class/powercap", base / "class/power_supply"
-    found = [
-        *(sensor for chip in _entries(chips, "hwmon*") for sensor in _of_chip(chip)),
-        *(sensor for zone in _entries(zones, "*:*") for sensor in _of_zone(zone)),
-        *(sensor for supply in _entries(supplies, "*") for sensor in _of_supply(supply)),
-    ]
-    return sorted(found, key=lambda sensor: (KINDS.index(sensor.kind), _natural(sensor.path)))
-
-
-def choose_sensor(root: str, wanted: str = "") -> Sensor:
-    """The sensor of that name or path; without one, the total of the first kind that has any.
-
-    Parameters
-    ----------
-    root : str
-        The root of sysfs.
-    wanted : str
-        `KIND:NAME`, or the path of a sensor's folder or file; relative paths start at the root.
-
-    Returns
-    -------
-    Sensor
-
-    Raises
-    ------
-    InputError
-        If none or several match: with the list of sensors found.
-    """
-    found = find_sensors(root)
-    if wanted:
-        path = (Path(root) / wanted).resolve()
-        matching = [sensor for sensor in found if wanted == sensor.label]
-        matching = matching or [s for s in found if path in {file.resolve() for file in (s.path, *s.files)}]
-        problem = f"{len(matching)} sensors have this name" if matching else "no such sensor"
-    else:
-        readable = [sensor for sensor in found if sensor.readable]
-        if not readable:
-            raise InputError.at("--sysfs", 1, 1, "no power sensor that this user can read", _listing(found, root))
-        kind = readable[0].kind  # the sensors are in the order of their kinds
-        matching = _totals([sensor for sensor in readable if sensor.kind == kind])
-        problem = f"several sensors of the kind {kind}"
-    if len(matching) == 1:
-        return matching[0]
-    raise InputError.at("--sensor", 1, 1, problem, _listing(found, root), wanted)
-
-
-def _totals(sensors: Sequence[Sensor]) -> list[Sensor]:
-    """The sensors labelled as totals; else those not known to be parts."""
-    labelled = [sensor for sensor in sensors if sensor.name.rpartition("/")[2].lower() in TOTALS]
-    return labelled or [sensor for sensor in sensors if not sensor.part] or list(sensors)
-
-
-def _listing(found: Sequence[Sensor], root: str) -> str:
-    if not found:
-        return f"one of {', '.join(KINDS)} under {printable(root)}"
-    lines = []
-    for sensor in found:
-        path = sensor.path.relative_to(root) if sensor.path.is_relative_to(root) else sensor.path
-        unreadable = "" if sensor.readable else " (not readable by this user)"
-        lines.append(f"{printable(sensor.label)} at {printable(str(path))}{unreadable}")
-    return "one of these by name or path:\n    " + "\n    ".join(lines)
-
-
-# ── the sensors' files ──
-
-
-def _of_chip(chip: Path) -> Iterable[Sensor]:
-    name = _line(chip / "name") or chip.name
-    if name == "ina3221":
-        for current in _entries(chip, "curr[0-9]*_input"):
-            channel = current.name.removeprefix("curr").removesuffix("_input")
-            voltage = chip / f"in{channel}_input"
-            if voltage.is_file():
-                label = _line(chip / f"in{channel}_label") or f"channel{channel}"
-                yield Sensor("ina3221", f"{name}/{label}", voltage, (voltage, current), 1e-6)  # mV × mA
-        return
-    for power in [*_entries(chip, "power[0-9]*_input"), *_entries(chip, "power[0-9]*_average")]:
-        channel, _, ending = power.name.partition("_")
-        if ending == "average" and (chip / f"{channel}_input").is_file():
-            continue
-        label = _line(chip / f"{channel}_label") or channel
-        yield Sensor("hwmon", f"{name}/{label}", power, (power,), 1e-6)  # µW
-
-
-def _of_zone(zone: Path) -> Iterable[Sensor]:
-    energy = zone / "energy_uj"
-    if energy.is_file():
-        # intel-rapl:0:1 is a part of intel-rapl:0, which intel-rapl-mmio:0 shows a second time
-        part = zone.name.count(":") > 1 or "mmio" in zone.name
-        name = _line(zone / "name") or zone.name
-        yield Sensor("powercap", name, zone, (energy,), 1e-6, zone / "max_energy_range_uj", part)  # µJ
-
-
-def _of_supply(supply: Path) -> Iterable[Sensor]:
-    power, voltage, current = supply / "power_now", supply / "voltage_now", supply / "current_now"
-    part = _line(supply / "type") not in ("", "Battery")
-    if power.is_file():
-        yield Sensor("power_supply", supply.name, supply, (power,), 1e-6, part=part)  # µW
-    elif voltage.is_file() and current.is_file():
-        yield Sensor("power_supply", supply.name, supply, (voltage, current), 1e-12, part=part)  # µV × µA
-
-
-def _entries(folder: Path, pattern: str) -> list[Path]:
-    with suppress(OSError):
-        return sorted(folder.glob(pattern), key=_natural)
-    return []
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort key that puts hwmon10 after hwmon9."""
-    return [(int(piece), "") if piece.isdigit() else (0, piece) for piece in re.split(r"([0-9]+)", str(path))]
-
-
-def _line(file: Path) -> str:
-    """The first line of a small file; '' if there is none."""
-    with suppress(OSError):
-        return file.read_text(encoding="utf-8", errors="replace").strip().partition("\n")[0][:64]
-    return ""
-
-
-def _number(file: Path) -> int:
-    try:
-        text = file.read_text(encoding="ascii", errors="replace").strip()
-    except OSError as error:
-        raise InputError.at(str(file), 1, 1, f"cannot be read: {error.strerror}", "a readable power sensor") from None
-    if not _WHOLE_NUMBER.match(text):
-        shown = printable(text, 40) or "nothing"
-        raise InputError.at(str(file), 1, 1, f"contains {shown}", "a whole number")
-    return int(text)
-
-
-# ── readings ──
-
-
-@dataclass
-class Meter:
-    """Reads a sensor's power: the present one, or the mean since the last reading of a counter of energy.
-
-    Attributes
-    ----------
-    sensor : Sensor
-    monotonic : function
-        The time [s]; never decreases.
-    """
-
-    sensor: Sensor
-    monotonic: Callable[[], float]
-    _before: tuple[float, int] | None = field(default=None, repr=False)
-
-    def start(self) -> None:
-        """Start a new mean: the next reading of a counter is the mean from here."""
-        self._before = (self.monotonic(), _number(self.sensor.files[0])) if self.sensor.counts_energy else None
-
-    def power_w(self) -> float:
-        """The present power [W], or its mean since the last reading or start; 0 or more.
-
-        Raises
-        ------
-        InputError
-            If the sensor cannot be read, or a counter falls below where it can wrap around.
-        """
-        if self.sensor.counts_energy:
-            return self._mean_w()
-        product = math.prod(_number(file) for file in self.sensor.files)
-        return abs(product) * self.sensor.watts  # some batteries report a negative current while they are drained
-
-    def _mean_w(self) -> float:
-        if self._before is None:
-            raise ValueError("a counter needs a start before its first reading")
-        now_s, count = self.monotonic(), _number(self.sensor.files[0])
-        before_s, before = self._before
-        if not now_s > before_s:
-            raise ValueError("two readings of a counter at one time")
-        self._before = (now_s, count)
-        passed = count - before
-        if passed < 0:  # it has wrapped around: E2 + max − E1
-            assert self.sensor.range_file is not None
-            largest = _number(self.sensor.range_file)
-            if largest < before:
-                message = f"the counter fell from {before} to {count}, and wraps around after {largest}"
-                raise InputError.at(str(self.sensor.files[0]), 1, 1, message, "a counter that rises")
-            passed += largest
-        return passed * self.sensor.watts / (now_s - before_s)
-
-
-# ── the measurement ──
+# ── the loop ──
 
 
 class Clock(Protocol):

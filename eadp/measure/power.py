@@ -14,8 +14,9 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals import output_row
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.energy import energy_document, energy_yaml
-from eadp.io.profile.model_file import read_profile
+from eadp.io.profile.model_file import parse_profile
 from eadp.io.text.options import Flag
+from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
 from eadp.measure.noise import spikes
 from eadp.measure.power_log import Columns, PowerLog, rows_text
@@ -240,7 +241,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         Of the options, with the faults of a file, or if the log is too short.
     """
     options.check()
-    profile, profile_warnings = read_profile(options.profile) if options.profile else (None, [])
+    profile, profile_warnings = parse_profile(read_text(options.profile)) if options.profile else (None, [])
     log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
     log = log_part(log, options.start_s, options.end_s)
     if profile is not None:

@@ -11,21 +11,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import islice
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
-from eadp.io.profile.measurements import (
-    LARGE_W,
-    Configuration,
-    PowerColumns,
-    has_flags,
-    is_parameter,
-    read_heading,
-    stated_source,
-)
+from eadp.io.profile.measurements import LARGE_W, has_flags, is_parameter, read_heading, stated_source
 from eadp.io.text.csv import NUMBER, Row, number_fault, read_rows, repeated
+from eadp.io.text.options import Flag
 from eadp.io.text.streams import Text
 from eadp.models.profile import titles
+
+if TYPE_CHECKING:
+    from eadp.measure.measuring import Configuration
 
 
 class Device(NamedTuple):
@@ -88,6 +84,25 @@ RECORDED = "recorded_power_w"
 
 MIN_W = 0.05
 """Mean power below which a unit that is assumed is wrong [W]: no computer that sees draws less."""
+
+
+@dataclass(frozen=True)
+class PowerColumns:
+    """Which columns of a recording are read."""
+
+    power: Annotated[Sequence[str], Flag(metavar="COLUMN")] = ()
+    """Column of the power, with its unit where its name has none: 'PWR_AVG [W]'. May repeat: they are added."""
+
+    of: Annotated[str, Flag(metavar="NAME,…")] = ""
+    """Columns of the parameters, in a table with others."""
+
+    trim: Annotated[int, Flag(low=0)] = 0
+    """Leave out so many readings at the start and the end of a trace, as of an idle computer."""
+
+    @property
+    def parameters(self) -> list[str]:
+        """The names of `of`."""
+        return [name.strip() for name in self.of.split(",")] if self.of else []
 
 
 class PowerColumn(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 from eadp.api.flight import AIRSPEEDS, REPORT, Flight, record_row
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
-from eadp.io.flight import account, flown_coverage, flown_of_plan
+from eadp.io.flight import account
 from eadp.io.scenario import Scenario
 from eadp.io.text.json import significant
 from eadp.models.plan.cursor import PlanCursor
@@ -125,7 +125,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
             "gust_std_mps": world.wind.gust_std_mps,
         },
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
-        "field": _field(plan, flown_of_plan(columns, summary.get("turned_back_s"))),
+        "field": _field(plan),
         "airspace": {
             "obstacles": [[obstacle.name, obstacle.outline] for obstacle in plan.site.airspace.obstacles],
             "boundary": plan.site.airspace.boundary,
@@ -207,16 +207,11 @@ def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
     }
 
 
-def _field(plan: Plan, columns: Mapping[str, Sequence[float]]) -> dict[str, Any] | None:
-    """The field, its swath, and the share covered over time."""
+def _field(plan: Plan) -> dict[str, Any] | None:
+    """The field and its swath."""
     if plan.site.field is None:
         return None
-    covered = flown_coverage(plan, columns)
-    return {
-        "rings": [ring for part in plan.site.field.parts for ring in part],
-        "swath_m": plan.site.swath_m,
-        "covered": covered and {"t": covered[0], "share": [significant(share) for share in covered[1]]},
-    }
+    return {"rings": [ring for part in plan.site.field.parts for ring in part], "swath_m": plan.site.swath_m}
 
 
 # --- decisions

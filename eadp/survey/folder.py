@@ -13,7 +13,7 @@ from eadp.api.flight import Flight, fly_flight
 from eadp.api.given import File, JobKind, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, load_flight
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.polygons import Ring, covered_shares, ground_m2, inner_point, strips, uncovered
+from eadp.core.geometry.polygons import Ring, covered_share, ground_m2, inner_point, strips, uncovered
 from eadp.errors import InputError
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.io.scenario import override_texts, read_overrides
@@ -216,8 +216,8 @@ def simulate_sorties(
         "completed": completed,
         "reason": "all that was planned is covered" if completed else "ground is left; eadp cover --resume plans it",
         "batteries": len(rows),
-        "coverage": covered_shares(job.parts, [lines], job.swath_m)[-1],
-        "planned_coverage": covered_shares(job.parts, [planned], job.swath_m)[-1],
+        "coverage": covered_share(job.parts, lines, job.swath_m),
+        "planned_coverage": covered_share(job.parts, planned, job.swath_m),
         "left": [{**each.document(job.origin_deg), "share": each.area_m2 / field_m2} for each in left],
         **{key: sum(row[key] for row in rows) for key in ("duration_s", "distance_m", "energy_wh")},
         "soc_final": min(row["soc_final"] for row in rows),

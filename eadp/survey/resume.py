@@ -15,7 +15,7 @@ from eadp.api.inputs import Files
 from eadp.core.arrays import BoolArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
+from eadp.core.geometry.polygons import covered_share, ground_m2, uncovered
 from eadp.errors import Fault, InputError, PathUndefined
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.models.airspace import Field
@@ -80,7 +80,7 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
         tracks += _read(source, planner, warn)
     for track in tracks:
         straights = [(line[0], line[-1]) for line in track.lines]
-        if covered_shares(field.parts, [straights], swath_m)[-1] <= 0:
+        if covered_share(field.parts, straights, swath_m) <= 0:
             what = "covers no ground of the field"
             raise InputError.at(track.source, 1, 1, what, "a flight over this field, with its lines")
     known = [track for track in tracks if track.heading_rad is not None]
@@ -127,7 +127,7 @@ def flown_again(
     def bare_m2(part: Sequence[Sequence[Point]]) -> float:
         """Ground of a part that planned lines cover and flown ones do not [m²]; lines None plan all of it."""
         bare = uncovered([part], flown, swath_m, SLIVER_SHARE * swath_m)
-        share = 1.0 if lines is None or not bare else covered_shares(bare, [lines], swath_m)[-1]
+        share = 1.0 if lines is None or not bare else covered_share(bare, lines, swath_m)
         return share * sum(ground_m2(*each) for each in bare)
 
     parts = [part for part in left.parts if bare_m2(part) >= MIN_PART_SHARE * field.area_m2]

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.io.profile.measurements import Configuration, parse_configuration
-from eadp.measure.measuring import configurations_to_measure
+from eadp.measure.measuring import Configuration, configurations_to_measure, parse_configuration
 
 number = st.integers(-10_000, 10_000).map(lambda k: k / 16)
 

@@ -13,11 +13,11 @@ from common.answers import refused
 
 from eadp.core.signals import average
 from eadp.errors import CommandError, InputError
-from eadp.io.profile.measurements import Configuration
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.text.streams import Text
 from eadp.measure.measuring import (
     MIN_SAMPLES,
+    Configuration,
     Launch,
     MeasurementSettings,
     Sensor,

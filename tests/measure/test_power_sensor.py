@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.measure.measuring import Meter, Sensor, choose_sensor, find_sensors
+from eadp.measure.power_sensor import Meter, Sensor, choose_sensor, find_sensors
 
 Tree = Callable[[dict[str, object]], str]
 

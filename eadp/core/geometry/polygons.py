@@ -165,34 +165,26 @@ def _union(parts: Sequence[Sequence[ArrayLike]]) -> shapely.Geometry:
     return polygons[0] if len(polygons) == 1 else shapely.union_all(polygons)
 
 
-def covered_shares(
-    parts: Sequence[Sequence[Sequence[Point]]], tracks: Sequence[Sequence[Sequence[Point]]], swath_m: float
-) -> list[float]:
-    """Shares of a field within half a swath of lines flown one after the other, square to their ends.
+def covered_share(
+    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[Sequence[Point]], swath_m: float
+) -> float:
+    """Share of a field within half a swath of lines, square to their ends.
 
     Parameters
     ----------
     parts : sequence of sequences of rings
         The parts of the field [m], each an outline and its holes.
-    tracks : sequence of sequences of sequences of (float, float)
-        The lines of each track, each of its points [m]; of fewer than two different points covers nothing.
+    lines : sequence of sequences of (float, float)
+        Points of each line [m]; one of fewer than two different points covers nothing.
     swath_m : float
         Width of the strip that each covers [m].
-
-    Returns
-    -------
-    list of float
-        From 0 to 1: before the first track, and after each.
     """
     field = rest = _union(parts)
-    shares = [0.0]
-    for track in tracks:
-        for line in track:
-            if len(set(line)) > 1:  # one by one: a union of strips that only touch may lose area
-                strip = shapely.LineString(line).simplify(1e-3).buffer(swath_m / 2, cap_style="flat")
-                rest = shapely.difference(rest, strip)
-        shares.append(1 - min(1.0, float(rest.area / field.area)))
-    return shares
+    for line in lines:
+        if len(set(line)) > 1:  # one by one: a union of strips that only touch may lose area
+            strip = shapely.LineString(line).simplify(1e-3).buffer(swath_m / 2, cap_style="flat")
+            rest = shapely.difference(rest, strip)
+    return 1 - min(1.0, float(rest.area / field.area))
 
 
 def strips(
@@ -315,7 +307,7 @@ class FreeSpace:
         return bool(self._free(shapely.MultiPoint(points_m).convex_hull))
 
     def blocks(self, parts: Sequence[Sequence[Sequence[Point]]], radius_m: float) -> bool:
-        """Whether a circle of a radius [m] on a field's ground, as `covered_shares` has it, lies out of it."""
+        """Whether a circle of a radius [m] on a field's ground, as `covered_share` has it, lies out of it."""
         return not shapely.intersection(self._inner, _union(parts)).buffer(-radius_m).is_empty
 
     def rooms(self, points_m: ArrayLike) -> IntArray:

@@ -1,26 +1,21 @@
-"""Measurements of computations as CSV: a header, powprofiler's flags, or numbers alone; configurations in options."""
+"""Measurements of computations as CSV: a header, powprofiler's flags, or numbers alone."""
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.signals import SampleMean, average
+from eadp.core.signals import average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
-from eadp.io.text.options import Flag, check_range, given_options
 from eadp.io.text.streams import Text
-from eadp.models.profile import Profile, configuration_text
-
-STD_LIMIT = 0.2
-"""Standard deviation of a repeated configuration, relative to its mean, beyond which a reading may be wrong."""
+from eadp.models.profile import Profile
 
 LARGEST = 1e30
 """Largest magnitude of a number in a profile: no power or parameter, and far from where floats end."""
@@ -47,36 +42,20 @@ _NO_PARAMETER = re.compile(
     re.IGNORECASE,
 )
 
-_POSITION = re.compile(r"[xy]_m\Z|(?:lat|lon|latitude|longitude)(?:_deg)?\Z", re.IGNORECASE)
 
-
-@dataclass(frozen=True)
-class Configuration:
-    """Parameters of the computations, their units ('' unknown) and a value [unit] for each."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: tuple[float, ...]
-
-    def __str__(self) -> str:
-        return configuration_text(self.names, self.values, ",")
-
-
-def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
+def read_measurements(tables: Sequence[Text]) -> tuple[Profile, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
     Parameters
     ----------
     tables : sequence of Text
         One or more, of the same parameters.
-    names : sequence of str
-        Names for parameters without names in the file; see `eadp.io.profile.model_file.read_profile`.
 
     Returns
     -------
     Profile
     list of Fault
-        Warnings.
+        Warnings, first by line.
 
     Raises
     ------
@@ -92,7 +71,7 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
         first = next(rows, None)
         if first is None:
             raise InputError.at(table.name, 1, 1, "no measurements", f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(first, names)
+        layout = _layout(first)
         if layouts and layout.measured != layouts[0].measured:
             expected = f"{layouts[0].measured}, as in the first file"
             raise InputError(first.fault(0, f"measurements of {layout.measured}", expected))
@@ -103,9 +82,9 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
         raise InputError(last.fault(0, message, "measurements of two configurations or more"))
-    averages = [average(each.runs) for each in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
-    warnings += _unlikely([*readings.values()], averages)
+    warnings += _too_large(max(readings.values(), key=lambda each: each.max_w))
+    averages = [average(each.runs) for each in readings.values()]
     try:
         profile = Profile(
             names=tuple(column.name for column in layouts[0].configuration),
@@ -120,22 +99,18 @@ def read_measurements(tables: Sequence[Text], names: Sequence[str]) -> tuple[Pro
     except Infeasible as error:
         first = next(iter(readings.values())).row
         raise InputError(first.fault(0, str(error), "a full grid, or points that span an area")) from None
-    return profile, warnings
+    found = [replace(fault, severity="warning") for fault in warnings]
+    return profile, sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
-def _unlikely(readings: Sequence[_Reading], averages: Sequence[SampleMean]) -> list[Fault]:
-    """Warnings of powers that vary, and of a power too large for a computer; raises InputError if it has no unit."""
-    warnings = []
-    for reading, found in zip(readings, averages, strict=True):
-        if found.std > STD_LIMIT * found.mean:
-            message = f"a power that varies by {found.std / found.mean:.0%} of its mean at one configuration"
-            warnings.append(reading.fault(message))
-    largest = max(readings, key=lambda each: each.max_w)
-    if largest.max_w > LARGE_W:
-        fault = largest.fault(f"a power of {largest.max_w:g} W", f"at most {LARGE_W:g} W of a computer; mW in power_mw")
-        refuse([] if largest.layout.columns[largest.layout.power].unit else [fault])
-        warnings.append(fault)
-    return warnings
+def _too_large(largest: _Reading) -> list[Fault]:
+    """A warning of a power too large for a computer; raises InputError if it has no unit."""
+    if largest.max_w <= LARGE_W:
+        return []
+    power, message = largest.layout.power, f"a power of {largest.max_w:g} W"
+    fault = largest.row.fault(power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
+    refuse([] if largest.layout.columns[power].unit else [fault])
+    return [fault]
 
 
 def stated_source(text: Text) -> str:
@@ -189,12 +164,8 @@ class _Reading(NamedTuple):
         """The greatest power [W]."""
         return max(map(max, self.runs))
 
-    def fault(self, message: str, expected: str = "") -> Fault:
-        """A fault of its power."""
-        return self.row.fault(self.layout.power, message, expected)
 
-
-def _layout(row: Row, names: Sequence[str]) -> _Layout:
+def _layout(row: Row) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
     headings = _headings(row.fields)
     if headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
@@ -203,21 +174,18 @@ def _layout(row: Row, names: Sequence[str]) -> _Layout:
         raise InputError(row.fault(0, message, expected))
     if len(row.fields) == 1:
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
-    layout = _headerless(row, names) if headings is None else _header(row, headings)
+    layout = _headerless(row) if headings is None else _header(row, headings)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
     return layout
 
 
-def _headerless(row: Row, names: Sequence[str]) -> _Layout:
-    """Numbers alone: parameters, then power; a single parameter is called c."""
-    d = len(row.fields) - 1
-    if d > 1 and len(names) != d:
-        message = f"{d + 1} columns without names"
-        raise InputError(row.fault(0, message, f"{_A_HEADER}, or --names with {d} names"))
-    columns = [*(ColumnHeading(name, "") for name in (names if d > 1 else ["c"])), ColumnHeading("power", "W", 1.0)]
-    return _Layout(columns, list(range(d)), power=d, header=False)
+def _headerless(row: Row) -> _Layout:
+    """Numbers alone: a parameter, which is called c, and the power."""
+    if len(row.fields) > 2:
+        raise InputError(row.fault(0, f"{len(row.fields)} columns without names", _A_HEADER))
+    return _Layout([ColumnHeading("c", ""), ColumnHeading("power", "W", 1.0)], [0], power=1, header=False)
 
 
 def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:
@@ -255,9 +223,6 @@ def _is_parameter(heading: ColumnHeading) -> bool:
 def _header(row: Row, headings: Sequence[ColumnHeading]) -> _Layout:
     _check_headings(row, headings)
     power = _power_column(row, headings)
-    if places := [i for i, heading in enumerate(headings) if _POSITION.match(heading.name)]:
-        message = f"{headings[places[0]].name} is a position: this is the log of a flight"
-        raise InputError(row.fault(places[0], message, "measurements of configurations; eadp fit reads logs"))
     parameters = [i for i, heading in enumerate(headings) if _is_parameter(heading)]
     warnings = [
         row.fault(i, f"{heading.name} is no parameter of the computations: ignored")
@@ -330,8 +295,6 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: dict[tuple[float,
             faults.append(row.fault(at, f"{len(row.fields)} fields", f"{width}, as in the first row"))
             continue
         wrong = [row.fault(i, *fault) for i in columns if (fault := number_fault(row.fields[i], LARGEST))]
-        if wrong and layout.header and len(layout.parameters) > 1 and not readings:
-            wrong[0] = replace(wrong[0], expected=f"{wrong[0].expected}; --of NAME,… names the columns of parameters")
         if wrong:
             faults += wrong
             continue
@@ -347,125 +310,3 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: dict[tuple[float,
         before = point
     refuse(faults)
     return row
-
-
-# ── configurations in options ──
-
-_A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
-
-
-@dataclass(frozen=True)
-class Axis:
-    """The values of one parameter."""
-
-    name: str
-    unit: str
-    values: list[float]
-
-
-def parse_configuration(raw: str, option: str = "--config", expected: str = _A_CONFIGURATION) -> Configuration:
-    """Read `fps=0.5,keysize=32`, a configuration: one value for each parameter; raises InputError at the option."""
-    axes = read_axes(raw, option, expected)
-    for axis in axes:
-        if len(axis.values) > 1:
-            raise InputError.at(option, 1, 1, f"{len(axis.values)} values of {axis.name}", "one", raw)
-    names, units, values = zip(*((axis.name, axis.unit, axis.values[0]) for axis in axes), strict=True)
-    return Configuration(names, units, values)
-
-
-def read_axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> list[Axis]:
-    """Read `fps=2,4,keysize=32`, as `parse_configuration`: a piece without a name is another value of the last one."""
-    axes: list[Axis] = []
-    column = 1
-    for piece in raw.split(","):
-        title, equals, text = piece.rpartition("=")
-        problem, expected = "", form
-        if equals:
-            heading = read_heading(title.strip())
-            axes.append(Axis(heading.name, heading.unit, []))
-            problem, expected = heading.problem or ("a power is no parameter" if heading.per_watt else ""), A_NAME
-            if heading.name in [axis.name for axis in axes[:-1]]:
-                problem, expected = f"{heading.name} stands twice", "each once"
-        elif not axes:
-            problem = f"{printable(piece.strip(), 80) or 'an empty text'} is no name=value"
-        if not problem and not (NUMBER.match(text.strip()) and abs(float(text)) <= LARGEST):
-            shown = printable(text.strip(), 80) or "empty"
-            problem, expected = f"{axes[-1].name} is {shown}, not a finite number", form
-        if problem:
-            raise InputError.at(option, 1, column, problem, expected, raw)
-        axes[-1].values.append(float(text))
-        column += len(piece) + 1
-    return axes
-
-
-# --- options: which columns are read, how the power of a command is measured
-
-
-@dataclass(frozen=True)
-class PowerColumns:
-    """Which columns of a recording are read."""
-
-    power: Annotated[Sequence[str], Flag(metavar="COLUMN")] = ()
-    """Column of the power, with its unit where its name has none: 'PWR_AVG [W]'. May repeat: they are added."""
-
-    of: Annotated[str, Flag(metavar="NAME,…")] = ""
-    """Columns of the parameters, in a table with others."""
-
-    trim: Annotated[int, Flag(low=0)] = 0
-    """Leave out so many readings at the start and the end of a trace, as of an idle computer."""
-
-    @property
-    def parameters(self) -> list[str]:
-        """The names of `of`."""
-        return [name.strip() for name in self.of.split(",")] if self.of else []
-
-
-SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
-"""Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""
-
-
-@dataclass(frozen=True)
-class MeasurementSettings:
-    """Accuracy and duration of a measurement."""
-
-    warmup_s: float = 5.0
-    """Time before the first sample."""
-
-    interval_s: float = 0.2
-    """Time from one sample to the next."""
-
-    accuracy_w: float = 0.05
-    """Standard error to measure to [W]."""
-
-    longest_s: float = 120.0
-    """Longest time at a configuration."""
-
-    def reached(self, found: SampleMean) -> bool:
-        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
-        return found.std > 0 and found.standard_error <= self.accuracy_w
-
-
-@dataclass(frozen=True)
-class MeasureOptions(MeasurementSettings):
-    """How the power of a command is measured."""
-
-    config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
-    """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
-    fps=2,4,keysize=32,448."""
-
-    sensor: Annotated[str, Flag(metavar="KIND:NAME")] = ""
-    """The sensor to read, or its path."""
-
-    sysfs: Annotated[str, Flag(metavar="DIR")] = "/sys"
-    """Root of the sensors."""
-
-    def given(self) -> list[str]:
-        """Those given, as options; without `--config`, which is not for measuring alone."""
-        return [option for option in given_options(self) if option != "--config"]
-
-    def check(self) -> None:
-        """Refuse values out of range; raises InputError."""
-        check_range("--warmup", self.warmup_s, 0.0, MAX_TIME_S, closed=True)
-        check_range("--interval", self.interval_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
-        check_range("--accuracy", self.accuracy_w, 0.0, math.inf)
-        check_range("--longest", self.longest_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)

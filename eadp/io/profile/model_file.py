@@ -5,120 +5,35 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
-from eadp.io.profile.measurements import (
-    A_NAME,
-    LARGEST,
-    NAME,
-    PARAMETERS_LIMIT,
-    Configuration,
-    PowerColumns,
-    parse_configuration,
-    read_measurements,
-)
-from eadp.io.text.streams import Text, read_text
+from eadp.io.profile.measurements import A_NAME, LARGEST, NAME, PARAMETERS_LIMIT, read_measurements
+from eadp.io.text.streams import Text
 from eadp.io.text.yaml import STRICT, Document, Path, keys_document, validated, yaml_text
-from eadp.models.profile import ARRAYS, Profile, configuration_text, shortest
-from eadp.plug_ins import plug_in
+from eadp.models.profile import ARRAYS, Profile, shortest
 
 SCHEMA = "eadp.profile/1"
 
 _MODEL = re.compile(r"""\{|["']?schema["']?\s*:""")
 
 
-def read_profile(
-    files: str | Sequence[str],
-    names: Sequence[str] = (),
-    *,
-    configurations: Sequence[Configuration] = (),
-    interpolation: Kind | None = None,
-    columns: PowerColumns | None = None,
-) -> tuple[Profile, list[Fault]]:
-    """Read a profile: measurements (CSV) or a model (YAML, JSON), whichever the files hold.
-
-    Parameters
-    ----------
-    files : str or sequence of str
-        Measurements, of several tables or traces, or one model; `-` is standard input.
-    names : sequence of str
-        New names of the parameters, in the order of their columns; none keeps the files'.
-    configurations : sequence of Configuration
-        Configurations of the traces among the files, in their order.
-    interpolation : str
-        `linear` or `pchip`; None keeps the model's.
-    columns : PowerColumns
-        Which columns of the files are read.
-
-    Returns
-    -------
-    Profile
-    list of Fault
-        Warnings, first by line.
+def parse_profile(text: Text) -> tuple[Profile, list[Fault]]:
+    """The profile of a text, a model (YAML, JSON) or measurements (CSV), and warnings, first by line.
 
     Raises
     ------
     InputError
-        With the faults of the files, or of the options about them.
+        With the faults of the file.
     """
-    texts = [read_text(path) for path in ([files] if isinstance(files, str) else files)]
-    models = [text for text in texts if _is_model(text)]
-    if models and len(texts) > 1:
-        raise InputError.at(models[0].name, 1, 1, "a model among several files", "measurements, or one model")
-    if models and configurations:
-        raise InputError.at(models[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
-    notes: list[Fault] = []
-    if models:
-        profile, warnings = parse_profile(models[0], names)
-    else:
-        tables, notes = plug_in("recordings", "power")(texts, columns or PowerColumns(), configurations)
-        profile, warnings = _measured(tables, names)
-    if interpolation:
-        try:
-            profile = replace(profile, interpolation=interpolation)
-        except Infeasible as error:
-            raise InputError.at("--interpolation", 1, 1, str(error), "linear", interpolation) from None
-    return profile, notes + warnings
+    return (_read_model(text), []) if is_model(text) else read_measurements([text])
 
 
-def parse_profile(text: Text, names: Sequence[str] = ()) -> tuple[Profile, list[Fault]]:
-    """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`."""
-    if not _is_model(text):
-        return _measured([text], names)
-    return _renamed(_read_model(text), names), []
-
-
-def _measured(tables: Sequence[Text], names: Sequence[str]) -> tuple[Profile, list[Fault]]:
-    profile, warnings = read_measurements(tables, names)
-    found = [replace(fault, severity="warning") for fault in warnings]
-    return _renamed(profile, names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
-
-
-def _renamed(profile: Profile, names: Sequence[str]) -> Profile:
-    """A profile with new names of its parameters, if there are any."""
-    if not names:
-        return profile
-    for name in names:
-        if not re.fullmatch(r"[A-Za-z]\w{0,63}", name, re.ASCII):
-            shown = printable(name, 80) or "an empty text"
-            expected = "a name as a plan has it: letters, digits and _; commas between names"
-            raise InputError.at("--names", 1, 1, f"{shown} is no name", expected)
-    if len(set(names)) < len(names):
-        raise InputError.at("--names", 1, 1, f"a name stands twice in {','.join(names)}", "each once")
-    if len(names) != len(profile.names):
-        message = f"{len(names)} names for the parameters {', '.join(profile.names)}"
-        raise InputError.at("--names", 1, 1, message, f"{len(profile.names)} of them")
-    return replace(profile, names=tuple(names))
-
-
-def _is_model(text: Text) -> bool:
+def is_model(text: Text) -> bool:
     """Whether a text is a model and not measurements: by the ending of its name, or by its first line."""
     if os.path.splitext(text.name)[1].lower() in (".yaml", ".yml", ".json"):
         return True
@@ -289,57 +204,3 @@ def _without_defaults(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
     return {key: _without_defaults(item) for key, item in value.items() if key not in DEFAULTS or item != DEFAULTS[key]}
-
-
-def powers_at(profile: Profile, asked: Sequence[str], clamp: bool) -> tuple[list[dict[str, Any]], list[Fault]]:
-    """Power at configurations such as `fps=5,keysize=32`.
-
-    Parameters
-    ----------
-    profile : Profile
-    asked : sequence of str
-        Values of `--at`.
-    clamp : bool
-        Outside the measured range, take the nearest configuration inside.
-
-    Returns
-    -------
-    list of dict
-        The `values` of `eadp.power/1`.
-    list of Fault
-        A warning for each configuration that was clamped.
-
-    Raises
-    ------
-    InputError
-        With the faults of the first option that has any.
-    """
-    values: list[dict[str, Any]] = []
-    warnings: list[Fault] = []
-    for raw in asked:
-        configuration = _configuration(raw, profile.names)
-        try:
-            power_w = profile.power_w_at(configuration, clamp)
-        except Infeasible as error:
-            expected = "a value inside, or --clamp for the nearest"
-            raise InputError.at("--at", 1, 1, str(error), expected, raw) from None
-        extrapolated = not profile.interpolant.contains(configuration)
-        if extrapolated:
-            taken = configuration_text(profile.names, profile.interpolant.nearest(configuration), ",")
-            message = f"{profile.outside(configuration)}: taken at {taken}"
-            warnings.append(Fault("--at", 1, 1, message, severity="warning"))
-        named = dict(zip(profile.names, map(shortest, configuration), strict=True))
-        values.append({"configuration": named, "power_w": power_w, "extrapolated": extrapolated})
-    return values, warnings
-
-
-def _configuration(raw: str, names: Sequence[str]) -> tuple[float, ...]:
-    """Read `fps=5,keysize=32`: each parameter once."""
-    expected = ",".join(f"{name}=VALUE" for name in names)
-    given = parse_configuration(raw, "--at", expected)
-    unknown = [name for name in given.names if name not in names]
-    missing = [name for name in names if name not in given.names]
-    if unknown or missing:
-        message = f"no parameter {', '.join(unknown)}" if unknown else f"no value for {', '.join(missing)}"
-        raise InputError.at("--at", 1, 1, message, expected, raw)
-    return tuple(given.values[given.names.index(name)] for name in names)

@@ -11,8 +11,7 @@ import functools
 import inspect
 import math
 import sys
-from dataclasses import dataclass, fields, is_dataclass
-from typing import Any
+from dataclasses import dataclass, is_dataclass
 
 from eadp.errors import InputError
 
@@ -95,8 +94,3 @@ def _of_module(module: str) -> dict[str, dict[str, str]]:
             if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and isinstance(after, ast.Expr):
                 texts[one.target.id] = inspect.cleandoc(ast.literal_eval(after.value))
     return found
-
-
-def given_options(options: Any) -> list[str]:
-    """The options of a dataclass of them that have another value than their default."""
-    return [option_name(each.name) for each in fields(options) if getattr(options, each.name) != each.default]

@@ -566,7 +566,6 @@ function nowText() {
   if (path.lat) words.push(`${at(path, "lat", t).toFixed(5)}°, ${at(path, "lon", t).toFixed(5)}°`);
   words.push(`${number(at(data.power, "w", t))} W`, `charge ${percent(at(data.charge, "soc", t))}`);
   if (data.parameters.length) words.push(data.parameters.map((one) => `${one.name} ${number(held(one, t))}`).join(", "));
-  if (data.field && data.field.covered) words.push(`${percent(at(data.field.covered, "share", t))} of the field covered`);
   return words.join(" · ");
 }
 

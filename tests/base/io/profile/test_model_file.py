@@ -2,10 +2,7 @@
 
 import json
 import statistics
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,26 +12,23 @@ from hypothesis import strategies as st
 
 from eadp.core.signals import average
 from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, InputError
-from eadp.io.profile.measurements import STD_LIMIT, Configuration
-from eadp.io.profile.model_file import parse_profile, profile_document, profile_yaml, read_profile
-from eadp.io.text.streams import Text
+from eadp.io.profile.model_file import parse_profile, profile_document, profile_yaml
+from eadp.io.text.streams import Text, read_text
 from eadp.models.profile import Profile
 
-REFERENCE = ROOT.parent / "shared" / "reference" / "profiles"
 
-
-def parse(body: str, *names: str) -> Profile:
-    return parse_profile(Text("m.csv", body), names)[0]
+def parse(body: str) -> Profile:
+    return parse_profile(Text("m.csv", body))[0]
 
 
 def warnings_of(body: str) -> list[str]:
     return [first_line(fault) for fault in parse_profile(Text("m.csv", body))[1]]
 
 
-def faults_of(body: str, *names: str) -> list[str]:
+def faults_of(body: str) -> list[str]:
     """All the faults of a text, as the first lines that they print."""
     with pytest.raises(InputError) as caught:
-        parse(body, *names)
+        parse(body)
     return [first_line(fault) for fault in caught.value.faults]
 
 
@@ -103,15 +97,13 @@ def test_comments_blank_lines_and_the_source() -> None:
 def test_the_source_is_the_files_name_where_nothing_says_more(tmp_path: Path) -> None:
     file = tmp_path / "bench.csv"
     file.write_bytes(b"\xef\xbb\xbffps,power_w\r\n2,5\r\n4,7\r\n")  # a BOM and CRLF, as spreadsheets write
-    profile, warnings = read_profile(str(file))
+    profile, warnings = parse_profile(read_text(str(file)))
     assert (profile.source, profile.names, warnings) == ("bench.csv", ("fps",), [])
 
 
 def test_numbers_alone() -> None:
     assert parse("\n2,5\n4,7\n").names == ("c",)
-    assert parse("2,5\n4,7\n", "fps").names == ("fps",)
-    assert points_of(parse("2,5\n4,7\n", "fps")) == {(2,): 5, (4,): 7}
-    assert parse("2,32,5\n2,64,6\n4,32,7\n4,64,8", "fps", "keysize").names == ("fps", "keysize")
+    assert points_of(parse("2,5\n4,7\n")) == {(2,): 5, (4,): 7}
     assert points_of(parse("200,130\n210,131\n")) == {(200,): 130, (210,): 131}
 
 
@@ -121,7 +113,6 @@ def test_powprofilers_flags() -> None:
     profile = parse(body)
     assert profile.names == ("p200", "p201")
     assert points_of(profile) == {(2, 32): 5, (2, 64): 6, (4, 32): 7, (4, 64): 8}
-    assert parse(body, "fps", "keysize").names == ("fps", "keysize")
 
 
 def test_powprofilers_total_and_none_of_its_energy_and_charge() -> None:
@@ -140,78 +131,6 @@ def test_the_standard_error_is_that_of_the_runs() -> None:
     profile = parse("fps,power_w\n" + "\n".join(rows))
     assert profile.standard_error_w[0] == average([first, second]).standard_error
     assert np.isnan(profile.standard_error_w[1]), "of one reading nothing is known"
-
-
-def test_a_power_that_varies_is_warned_of() -> None:
-    # of two readings 10 ± e the sample deviation is √2 e
-    def rows(e: float) -> str:
-        return f"fps,power_w\n2,{10 - e}\n2,{10 + e}\n4,12\n"
-
-    limit_w = 10 * STD_LIMIT / 2**0.5
-    assert warnings_of(rows(0.999 * limit_w)) == []
-    message = "2:3: warning: a power that varies by 20% of its mean at one configuration"
-    assert warnings_of(rows(1.001 * limit_w)) == [message]
-
-
-# traces
-
-
-@pytest.fixture
-def written(tmp_path: Path) -> Callable[..., list[str]]:
-    """Write files by their names and return their paths."""
-
-    def write(**bodies: str) -> list[str]:
-        paths = []
-        for name, body in bodies.items():
-            (tmp_path / f"{name}.csv").write_text(body, encoding="utf-8")
-            paths.append(str(tmp_path / f"{name}.csv"))
-        return paths
-
-    return write
-
-
-TRACE = "100,101,102\n3,1,0\n3.2,1,0\n"
-STEADY = Configuration(("fps",), ("1/s",), (2.0,))
-SOURCES = "slow.csv (power) + table.csv + timed.csv (power)"
-
-
-def test_traces_with_what_they_were_measured_at(written: Callable[..., list[str]]) -> None:
-    files = written(slow=TRACE, table="fps [1/s],power_w\n4,5\n", timed="time_s,power [mW]\n0,7000\n1,7200\n")
-    fast = Configuration(("fps",), ("1/s",), (8.0,))
-    profile, warnings = read_profile(files, configurations=[STEADY, fast])
-    assert points_of(profile) == {(2,): pytest.approx(3.1), (4,): 5, (8,): pytest.approx(7.1)}
-    assert (profile.names, profile.units, profile.source) == (("fps",), ("1/s",), SOURCES)
-    assert warnings == [], "nothing about the times of a trace"
-
-
-def test_two_traces_at_one_configuration_are_two_runs(written: Callable[..., list[str]]) -> None:
-    files = written(a=TRACE, b="power_w\n3.4\n3.6\n", c=TRACE)
-    other = Configuration(("fps",), ("1/s",), (4.0,))
-    profile, _ = read_profile(files, configurations=[STEADY, STEADY, other])
-    assert profile.standard_error_w[0] == average([[3, 3.2], [3.4, 3.6]]).standard_error
-
-
-ASKED: dict[str, Any] = {"configurations": [STEADY]}
-FPS_ROW, NO_POINTS = "fps,power_w\n2,5\n", "{schema: eadp.profile/1}"
-
-
-@pytest.mark.parametrize(
-    ("bodies", "options", "starts"),
-    [
-        ({"a": TRACE, "b": TRACE}, ASKED, "--config:1:1: error: 1 configurations for 2 files"),
-        ({"a": TRACE}, ASKED, "a.csv:3:1: error: one configuration only"),
-        ({"a": FPS_ROW, "b": "rate,power_w\n4,5\n"}, {}, "b.csv:1:1: error: measurements of rate; expected fps, as in"),
-        ({"a": FPS_ROW, "b": NO_POINTS}, {}, "b.csv:1:1: error: a model among several files; expected measurements"),
-        ({"a": NO_POINTS}, ASKED, "a.csv:1:1: error: a model needs no configuration"),
-    ],
-)
-def test_several_files_that_are_refused(
-    written: Callable[..., list[str]], bodies: dict[str, str], options: dict[str, Any], starts: str
-) -> None:
-    with pytest.raises(InputError) as caught:
-        read_profile(written(**bodies), **options)
-    (fault,) = caught.value.faults
-    assert str(replace(fault, file=Path(fault.file).name)).startswith(starts)
 
 
 # measurements that are refused
@@ -248,6 +167,7 @@ def test_several_files_that_are_refused(
                 "1:13: error: an empty field is no name; expected a header such as fps,power_w",
             ],
         ),
+        ("2,32,5\n2,64,6\n", ["1:1: error: 3 columns without names; expected a header such as fps,power_w"]),
         ("a,b,c,d,e,f,g,h,i,power_w\n1,1,1,1,1,1,1,1,1,1\n", ["1:17: error: 9 columns of parameters; expected at"]),
         ("fps,k,power_w\n2,32,5\n6,240,6\n10,448,7\n", ["2:1: error: the configurations are no full grid and lie on"]),
     ],
@@ -269,19 +189,6 @@ def test_faults_are_capped_and_the_rest_counted() -> None:
     assert faults[-1] == f"{FAULTS_SHOWN + 2}:3: error: 5 more faults from here on"
     faults = faults_of("fps,power_w\n" + "2,x\n" * 2 * FAULTS_READ)
     assert faults[-1].endswith(f"at least {FAULTS_READ - FAULTS_SHOWN} more faults from here on")
-
-
-@pytest.mark.parametrize(
-    ("names", "fault"),
-    [
-        (["fps", "keysize"], "--names:1:1: error: 2 names for the parameters c; expected 1 of them"),
-        (["a=b"], "--names:1:1: error: a=b is no name; expected a name"),
-        (["fps", "fps"], "--names:1:1: error: a name stands twice in fps,fps; expected each once"),
-    ],
-)
-def test_names_that_are_refused(names: list[str], fault: str) -> None:
-    (found,) = faults_of("2,5\n4,7\n", *names)
-    assert found.startswith(fault)
 
 
 @given(st.text(st.sampled_from('0123456789.,-e#\n "[]()fpsower_wW{:'), max_size=60))
@@ -324,7 +231,7 @@ def test_a_model_is_known_by_its_content_or_its_ending(tmp_path: Path) -> None:
     assert profile_document(parse(json.dumps(profile_document(profile)))) == profile_document(profile)
     (tmp_path / "m.yaml").write_text("source: s\n")
     with pytest.raises(InputError, match=r"has no key schema; expected schema: eadp\.profile/1"):
-        read_profile(str(tmp_path / "m.yaml"))
+        parse_profile(read_text(str(tmp_path / "m.yaml")))
 
 
 def changed(old: str, new: str) -> str:
@@ -396,32 +303,8 @@ def test_round_trip_is_exact(profile: Profile) -> None:
 
 @pytest.mark.parametrize("stem", ["pednet-jetson-nano", "pednet-letter"])
 def test_shipped_models_are_those_of_their_measurements(stem: str) -> None:
-    profile, warnings = read_profile(str(ROOT / "profiles" / f"{stem}.csv"))
+    profile, warnings = parse_profile(read_text(str(ROOT / "profiles" / f"{stem}.csv")))
     assert warnings == []
     assert profile.names == ("fps",)
     assert "Seewald, García de Marina, Midtiby, Schultz" in profile.source
     assert (ROOT / "profiles" / f"{stem}.yaml").read_text(encoding="utf-8") == profile_yaml(profile)
-
-
-def reference(name: str) -> str:
-    file = REFERENCE / name
-    if not file.is_file():
-        pytest.skip(f"the published data is not beside this checkout: {file}")
-    return str(file)
-
-
-TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
-
-
-def test_published_traces_are_the_published_model() -> None:
-    files = [reference(name) for name in TRACES]
-    model, _ = read_profile(reference("landing_powprofiler_model.csv"), ["fps"])
-    configurations = [Configuration(("fps",), ("",), (fps,)) for fps in (0.5, 10)]
-    profile, warnings = read_profile(files, configurations=configurations)
-    assert warnings == []
-    for fps in (0.5, 10.0):  # printed to six digits
-        assert points_of(profile)[(fps,)] == pytest.approx(points_of(model)[(fps,)], rel=5e-6)
-    assert profile.samples.tolist() == [1272, 964]
-    std_w = [np.genfromtxt(file, delimiter=",", skip_header=1)[:, 0].std(ddof=1) for file in files]
-    assert profile.std_w == pytest.approx(std_w)
-    assert np.all(profile.standard_error_w < 0.007)
