@@ -177,8 +177,15 @@ def forecast_values(expected: Preflight) -> dict[str, Any]:
     }
     if expected.autopilot_text:
         values["autopilot"] = expected.autopilot_text
-    if expected.airspeeds_mps:
+    if (own := expected.at_cruise) is not None:
         values["airspeeds_mps"] = list(expected.airspeeds_mps)
+        values["at_cruise"] = {
+            "airspeed_mps": own.evaluated[0].known.airspeed_mps,
+            "completes_probability": own.forecast.completes_probability,
+            "time_s": own.forecast.remaining_s,
+            "soc_end": own.forecast.soc_end,
+            "quality": own.quality,
+        }
     return values
 
 

@@ -99,6 +99,23 @@ def _entry_text(entry: Mapping[str, Any]) -> str:
     return f"{where} {entry['name']} from {entry['entered_s']:.1f} s on, {entry['inside_m']:.0f} m"
 
 
+def _slowed(expected: Mapping[str, Any]) -> Account:
+    """What another airspeed than the aircraft's own buys."""
+    if "at_cruise" not in expected:
+        return []
+    own = expected["at_cruise"]
+    minutes = f"{expected['time_s'] / 60:.0f} min"
+    if (own["completes_probability"] or 0.0) < 0.5:
+        instead = "the battery does not last"
+    else:
+        instead = f"{own['time_s'] / 60:.0f} min"
+        if expected["quality"] is not None and own["quality"] is not None:
+            better, worse = (f"with a quality of {each['quality']:.2f}" for each in (expected, own))
+            minutes, instead = f"{minutes} {better}", f"{instead} {worse}"
+    flown = airspeeds_text(expected["airspeeds_mps"])
+    return [("airspeed", f"{flown}: {minutes}; at {own['airspeed_mps']:g} m/s {instead}")]
+
+
 def _reach(expected: Mapping[str, Any]) -> Account:
     """How far one pack carries a mission that it does not finish, and how many it takes."""
     if expected["batteries"] == 1:
@@ -132,6 +149,7 @@ def _expected(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Acc
     return [
         ("forecast", f"finishes: {finishes}; {stated}"),
         ("counts", counted_text(scenario, plan, expected)),
+        *_slowed(expected),
         *_reach(expected),
         *home,
         *([("autopilot", autopilot)] if "autopilot" in expected else []),

@@ -530,6 +530,8 @@ def test_airspeeds_that_are_decided_are_commanded_and_read_back(eadp, tmp_path):
     assert f"airspeed {min(commanded):g}" in written.err
     own = json.loads(eadp("simulate", "plans/survey.plan", *decides[:-2], "--format", "json").out)["energy_forecast"]
     assert {*commanded} == {*own["airspeeds_mps"]}
+    assert own["at_cruise"]["airspeed_mps"] == 15
+    assert own["quality"] > own["at_cruise"]["quality"]
     flown = json.loads(eadp("simulate", mission, *given, "--set", "planner.name=static", "--format", "json").out)
     assert flown["energy_forecast"]["time_s"] == pytest.approx(own["time_s"], rel=0.02)
     at_one = "--set", "planner.joint.airspeed=fixed", "--origin", "47,8", "--to", "ardupilot"

@@ -43,6 +43,8 @@ class Preflight:
         How far one pack carries it with the reserve kept, where that is not to the end.
     turns_back_soc : float
         State of charge at the end with less of which the autopilot turns back on the way; 0 where it does not.
+    at_cruise : Preflight or None
+        The same at the aircraft's own airspeed, where others are decided.
     entering : dict
         Probability of each obstacle to be entered, and of the boundary to be left, by name; see `clearance.entering`.
     evaluated : tuple of (Evaluation, Filling)
@@ -60,6 +62,7 @@ class Preflight:
     reach: Reach | None = None
     turns_back_soc: float = 0.0
     entering: dict[str, float] = field(default_factory=dict)
+    at_cruise: Preflight | None = None
 
     @classmethod
     def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
