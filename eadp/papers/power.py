@@ -30,10 +30,11 @@ from eadp.papers.estimator import (
     PowerEstimate,
     PublishedEstimator,
 )
-from eadp.planning.base import Observation, Readings, Seen
+from eadp.planning.base import Observation, Readings
 from eadp.planning.state.power import max_reading_w
+from eadp.planning.state.queue import SAME_TIME_S, Seen
 
-DIGITS, SAME_TIME_S = 6, 1e-9
+DIGITS = 6
 
 UNKNOWN_PERIOD_S = 6.0
 """Horizon in place of one period if there is none [s]."""

@@ -181,19 +181,6 @@ class Readings(NamedTuple):
     airspeeds_mps: Column
 
 
-class Seen(NamedTuple):
-    """An observation that a `FlightState` has taken.
-
-    `stages_before` is how many stages had started before it; `is_reading` whether it is a reading, too; `computing_w`
-    the power of the computations in force [W].
-    """
-
-    observation: Observation
-    stages_before: int
-    is_reading: bool
-    computing_w: float
-
-
 class Decision(NamedTuple):
     """The parameters to fly with, and the reason.
 

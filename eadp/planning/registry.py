@@ -11,9 +11,10 @@ from eadp.errors import EadpError, printable
 from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
 from eadp.models.world import Mission, Step
-from eadp.planning.base import Decision, Observation, PlannerSettings, Readings, Seen, SolverReport, trade_off_faults
+from eadp.planning.base import Decision, Observation, PlannerSettings, Readings, SolverReport, trade_off_faults
 from eadp.planning.forecast.held import Preflight, held_preflight
 from eadp.planning.state.flight_state import FlightState
+from eadp.planning.state.queue import Seen
 from eadp.plug_ins import OWN, added_names, plug_in
 
 

@@ -21,20 +21,21 @@ from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.models.vehicle import LEVEL_SHARE
 from eadp.models.world import Mission
-from eadp.planning.base import Observation, Readings, Sample, Seen
+from eadp.planning.base import Observation, Readings, Sample
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
 from eadp.planning.state.known import ChargeKnown, Joined, Known, TimeKnown, TimeRatio
 from eadp.planning.state.motion import MotionPower
 from eadp.planning.state.power import PowerGate, max_reading_w
+from eadp.planning.state.queue import ReadingQueue, Seen
 from eadp.planning.state.voltage import VoltageWatch
 from eadp.planning.state.wind import HEADING_DISBELIEVED, FlightWind
 
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
 
-READ_S, SAME_TIME_S = 0.1, 1e-9
-"""Default least time between readings, and times that differ by rounding [s]."""
+READ_S = 0.1
+"""Default least time between readings [s]."""
 
 OTHER_MPS = 0.25
 """Distance of an airspeed from that of cruise from which on it is another one: half a step of `speed_to_fly` [m/s]."""
@@ -67,19 +68,11 @@ class FlightState:
 
     Attributes
     ----------
-    every_s : float
-        As given.
-    now : Observation
-        The last observation; there is none before the first.
-    soc_before : float or None
-        The gauge's reading before it; None where it is the first.
     reached_s : float
         When the flight has reached its plan, after a take-off [s].
     autopilot : Autopilot
         That flies; whoever reads its parameters in flight replaces it.
     """
-
-    now: Observation
 
     def __init__(self, mission: Mission, weights: Mapping[str, float] | None = None, every_s: float = READ_S) -> None:
         self._mission = mission
@@ -99,6 +92,7 @@ class FlightState:
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         self._gate = PowerGate(vehicle.cruise_power_w, max_reading_w(mission))
+        self._queue = ReadingQueue(every_s)
         drain_model = DrainModel(
             empty_v=empty_v,
             rise_v=full_v - empty_v,
@@ -109,11 +103,6 @@ class FlightState:
         self._charge = ChargeFilter(drain_model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
         self._voltage = VoltageWatch(battery)
         self._climb = ClimbFollower.of(mission)
-        self.every_s, self._next_reading_s = every_s, -math.inf  # from when the next reading may be taken
-        self.soc_before: float | None = None
-        self._read_soc: float | None = None  # of the last reading of the gauge
-        self._stages_started = 1
-        self._waiting: list[Readings | Seen] = []
         self._last_s: float | None = None  # of the last reading that the filters have taken
         self.reached_s, self.autopilot = 0.0, mission.autopilot
 
@@ -121,14 +110,12 @@ class FlightState:
 
     def ingest(self, readings: Readings) -> None:
         """Take readings since the last observation, all on its stage and with its parameters; they wait."""
-        self._waiting.append(readings)
-        self._next_reading_s = float(readings.times_s[-1]) + self.every_s
-        self._read_soc = float(readings.charges[-1])
+        self._queue.ingest(readings)
 
     def observe(self, observation: Observation) -> Seen:
         """Take an observation, which is a reading, too, unless it is too soon after the last one; it waits.
 
-        Its stage is counted at once, and the voltage compared: charge that it shows to be lost is taken off the gauge.
+        The voltage is compared at once: charge that it shows to be lost is taken off the gauge's.
         """
         sample = observation.sample
         if sample.soc is not None:
@@ -140,14 +127,7 @@ class FlightState:
         if not observation.on_plan:
             self.reached_s = observation.time_s
         computing_w = self._mission.computing.power_w(observation.parameters, observation.cursor.stage.sets)
-        is_reading = observation.time_s >= self._next_reading_s - SAME_TIME_S
-        seen = Seen(observation, self._stages_started, is_reading, computing_w)
-        self._waiting.append(seen)
-        self._stages_started = observation.stages_started
-        if is_reading:
-            self._next_reading_s = observation.time_s + self.every_s
-        self.now, self.soc_before, self._read_soc = observation, self._read_soc, observation.soc
-        return seen
+        return self._queue.observe(observation, computing_w)
 
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
         """Before take-off: take the wind of the weather forecast, and the standard deviation of its gusts [m/s]."""
@@ -161,8 +141,7 @@ class FlightState:
         place in the plan of this observation counts after them, as they were made on the stage before.
         """
         readings: Readings | None = None
-        waiting, self._waiting = self._waiting, []
-        for each in waiting:
+        for each in self._queue.take():
             if isinstance(each, Seen):
                 if each.is_reading:
                     readings = _with_reading(readings, each.observation.sample)
@@ -311,6 +290,21 @@ class FlightState:
     # --- what is known
 
     @property
+    def now(self) -> Observation:
+        """The last observation."""
+        return self._queue.now
+
+    @property
+    def soc_before(self) -> float | None:
+        """The gauge's reading before the last observation; None where that is the first."""
+        return self._queue.soc_before
+
+    @property
+    def every_s(self) -> float:
+        """Least time between readings [s]."""
+        return self._queue.every_s
+
+    @property
     def wind_mps(self) -> Point:
         """The wind to plan with [m/s]: measured, else estimated."""
         self._process()
@@ -331,7 +325,7 @@ class FlightState:
     def jump_decided_s(self, soc: float) -> float:
         """When the next reading may decide whether the charge, `soc` now, has jumped [s]; infinite without doubt."""
         self._process()
-        return self._next_reading_s if self._charge.is_ambiguous(soc) else math.inf
+        return self._queue.next_reading_s if self._charge.is_ambiguous(soc) else math.inf
 
     @property
     def flies_commanded(self) -> bool:
@@ -362,7 +356,7 @@ class FlightState:
             time_s=time_s,
             position_m=position,
             cursor=self._flown_cursor(),
-            joined=Joined(place.joined_m, place.since_s, self._stages_started, place.rejoins_at_start),
+            joined=Joined(place.joined_m, place.since_s, self._queue.stages_started, place.rejoins_at_start),
             wind=self._wind.known,
             time=TimeKnown(times.ratio, times.variance, times.noise_s),
             motion=self._motion.known(min(self._gate.state.max_motion_w, self._mission.vehicle.max_motion_w)),
