@@ -236,10 +236,12 @@ def test_a_torn_last_line_is_dropped_and_a_decision_that_was_not_emitted_is_emit
 
 def test_a_mission_whose_line_is_torn_is_not_taken(tmp_path):
     log = tmp_path / "flight.jsonl"
-    ReplanLog(str(log), "inputs").close()
+    begun = ReplanLog(str(log), "inputs")
+    begun.decision({})
+    begun.close()
     log.write_bytes(log.read_bytes() + b'{"kind": "mission", "items": "a map"}')
     opened = ReplanLog(str(log), "inputs")
-    assert (list(opened.entries()), opened.items) == ([], None)
+    assert (list(opened.entries()), opened.items) == ([None], None)
     opened.close()
     assert [fault.message for fault in opened.warnings] == ["the last line was torn; it is dropped"]
 
