@@ -344,7 +344,7 @@ class CoverageTask:
         site_field, c1s = replace(field, airspace=self.airspace), dict.fromkeys((0.0, solution.min_c1))
         ends = tuple(PathReport.of(solution, site_field, motion, c1) for c1 in c1s)
         notes = [*self.repairs, *self.flown_over]
-        return CoveragePlan(plan, site_field, motion, solution, ends, notes, pictures, heights, self.autopilot)
+        return CoveragePlan(plan, site_field, motion, solution, ends, notes, pictures, heights)
 
     def _over(self, ground: Ground, solution: CoverageSolution, home_m: Point) -> tuple[CoverageSolution, Heights]:
         """A path with its altitudes over a ground, and these. Raises Infeasible as `over_terrain`."""

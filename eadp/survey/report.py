@@ -7,7 +7,6 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-from dataclasses import field as dataclass_field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -26,7 +25,6 @@ from eadp.core.geometry.polygons import (
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
 from eadp.models.airspace import CLEARANCE_M, Field
-from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.planning.forecast.held import Preflight
@@ -202,14 +200,13 @@ class HeightReport(NamedTuple):
     def document(self) -> dict[str, Any]:
         """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
         ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
-        line_m, elsewhere_m = ground.limits.line_m, [each.profile.elsewhere_m for each in self.flights]
+        line_m = ground.limits.line_m
         # pictures are as wide as their height above the ground
         widths_m = self.width_m * self._joined("overlapping_m") / line_m
         return {
             "zero_m": ground.zero_m,
             "ground_m": [float(ground_m.min()), float(ground_m.max())],
             "height_m": _range(above_m),
-            "height_elsewhere_m": min((up_m for up_m in elsewhere_m if up_m is not None), default=None),
             "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
             "home_altitude_m": self.home_altitude_m,
             "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
@@ -219,13 +216,12 @@ class HeightReport(NamedTuple):
     def text(self) -> list[str]:
         """For people, of the same."""
         values = self.document()
-        (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
+        low, high = values["ground_m"]
         least, mean, most = values["height_m"]
-        elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
         lines = [
             f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
             f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
-            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
+            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m",
         ]
         said = []
         if (pixels := values["gsd_cm"]) is not None:
@@ -266,7 +262,6 @@ class CoveragePlan:
         The camera's.
     heights : Heights or None
         Over its terrain.
-    autopilot : Autopilot
     aircraft : str
         What the energy is of.
     slower : Preflight or None
@@ -281,7 +276,6 @@ class CoveragePlan:
     repairs: Sequence[str] = ()
     pictures: Pictures | None = None
     heights: Heights | None = None
-    autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
     aircraft: str = ""
     slower: Preflight | None = None
 
@@ -444,7 +438,5 @@ class CoveragePlan:
         ends = f" to {last.altitude_m:.0f} m" if last.altitude_m else ""
         circle = ", after a circle down to it" if before.command(LOITER_TO_ALTITUDE) else ""
         steep_deg = math.degrees(math.atan2(down_m, length_m))
-        steep = self.autopilot.kind is None and steep_deg > FACTORY[PX4][LANDING_ANGLE] + 0.05
-        px4 = f": PX4 needs {LANDING_ANGLE} {steep_deg:.1f}" if steep else ""
         how = f"final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}, {steep_deg:.1f}°"
-        return [f"landing    {how}{circle}{px4}"]
+        return [f"landing    {how}{circle}"]
