@@ -109,9 +109,9 @@ def is_closed(line: Sequence[Point]) -> bool:
     return len(line) > 3 and line[0] == line[-1]
 
 
-def counted(count: int, one: str, several: str) -> str:
+def counted(count: int, noun: str) -> str:
     """A count with its noun: "1 hole", "2 holes"."""
-    return f"1 {one}" if count == 1 else f"{count} {several}"
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def read_features(source: Text, *, metres: bool) -> Features:
@@ -374,7 +374,7 @@ def read_table(source: Text, metres: bool) -> Features:
     ring, faults, width = Line(), list[Fault](), len(head.fields)
     for row in rows:
         if len(row.fields) < width or any(row.fields[width:]):
-            message = counted(len(row.fields), "field", "fields")
+            message = counted(len(row.fields), "field")
             faults.append(row.fault(min(len(row.fields), width), message, f"{width}, as in the first row"))
         elif wrong := [row.fault(i, *each) for i in columns if (each := number_fault(row.fields[i]))]:
             faults += wrong

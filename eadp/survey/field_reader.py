@@ -108,11 +108,11 @@ class _Outlines:
         expected = "a ring that neither crosses nor touches itself, holes within the outline and apart from one another"
         raise self.source.error(of.location, f"{_title(defect.ring, of)} {defect.message} at {where}", expected)
 
-    def notes(self, **others: tuple[str, str, str]) -> list[str]:
+    def notes(self, **others: tuple[str, str]) -> list[str]:
         """Sentences on what was left out and repaired; `others` are counted too, as `_CHANGED`."""
-        small = "polygon", "polygons", f"of less than {self.smallest_m2:g} m² left out"
+        small = "polygon", f"of less than {self.smallest_m2:g} m² left out"
         named, counts = {"small": small} | others | _CHANGED, self.counts
-        return [f"{counted(counts[key], *names)} {what}" for key, (*names, what) in named.items() if counts[key]]
+        return [f"{counted(counts[key], noun)} {what}" for key, (noun, what) in named.items() if counts[key]]
 
 
 def _tidied(ring: Line) -> tuple[Point, ...]:
@@ -126,10 +126,10 @@ def _tidied(ring: Line) -> tuple[Point, ...]:
 
 
 _CHANGED = {
-    "coarse": ("ring", "rings", f"of more than {RING_LIMIT} vertices simplified within {COARSE_M:g} m"),
-    "repaired": ("outline", "outlines", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
+    "coarse": ("ring", f"of more than {RING_LIMIT} vertices simplified within {COARSE_M:g} m"),
+    "repaired": ("outline", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
 }
-"""What is counted, one and several, and what was done with it."""
+"""What is counted, and what was done with it."""
 
 
 def _title(ring: int, of: Feature) -> str:
@@ -192,7 +192,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     obstacles = _obstacles(avoided, frame, found.degrees, text, notes)
     thin = tuple(Obstacle(outline, "hole") for ring in outlines.thin for outline, *_ in near(ring, THIN_M))
     if thin:
-        holes = counted(len(outlines.thin), "obstacle", "obstacles")
+        holes = counted(len(outlines.thin), "obstacle")
         notes.append(f"{holes} without an area kept, with what lies within {THIN_M:g} m")
     airspace = Airspace((*obstacles, *thin))
     name = printable("".join(chosen[0].names[:1])) if len(chosen) == 1 else ""
@@ -462,8 +462,8 @@ def _obstacles(
             counts["far"] += not own
         name = printable(" ".join(of.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {number}"
         found += [Obstacle(outline, name, of.height_m) for outline in own]
-    far = "polygon", "polygons", f"farther than {ZONES_M / 1000:g} km left out"
-    thin = "obstacle", "obstacles", f"without an area kept, with what lies within {THIN_M:g} m"
+    far = "polygon", f"farther than {ZONES_M / 1000:g} km left out"
+    thin = "obstacle", f"without an area kept, with what lies within {THIN_M:g} m"
     said = outlines.notes(far=far, thin=thin)
     if rings and not found:
         expected = f"a polygon within {ZONES_M / 1000:g} km, in the units, grid and order of the field or plan"

@@ -30,6 +30,7 @@ from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.planning.forecast.held import Preflight
 from eadp.survey.camera import Pictures, pictures_document, rounded_text
 from eadp.survey.coverage import CoverageSolution
+from eadp.survey.features import counted
 from eadp.survey.heights import HeightProfile
 from eadp.survey.swaths import CoveragePath, MotionLimits
 
@@ -83,10 +84,6 @@ def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
 def rounded_deg(heading_rad: float, digits: int) -> float:
     """The compass bearing of a heading, rounded [°]."""
     return round(compass_deg(heading_rad), digits) % 360
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 MIN_SHARE = 1e-4
@@ -220,7 +217,7 @@ class HeightReport(NamedTuple):
         least, mean, most = values["height_m"]
         lines = [
             f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
-            f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
+            f"{counted(values['altitudes'], 'altitude')}",
             f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m",
         ]
         said = []
@@ -369,7 +366,7 @@ class CoveragePlan:
     def titled_paths(self) -> dict[str, CoveragePath]:
         """The path at each end of c1 under a title."""
         return {
-            f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered": end.path
+            f"{counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered": end.path
             for end in self.ends
         }
 
@@ -377,7 +374,7 @@ class CoveragePlan:
         """What the path covers at an end of c1."""
         at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
         energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
-        lines = f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
+        lines = f"{counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
         return f"{100 * end.coverage:.2f} %{at}: {lines}"
 
     @property
@@ -386,18 +383,18 @@ class CoveragePlan:
         field, blocks = self.field, len(self.solution.blocks)
         parts = len(field.parts)
         holes = sum(map(len, field.parts)) - parts
-        pattern = f"Zamboni-like, {_counted(blocks, 'block')}" if blocks else "lines in an order, Dubins turns"
+        pattern = f"Zamboni-like, {counted(blocks, 'block')}" if blocks else "lines in an order, Dubins turns"
         lines = [
             f"field      {f'{field.name}, ' if field.name else ''}{field.area_m2 / 1e4:.2f} ha"
             + (f" at {place_text(field.origin_deg)}" if field.origin_deg else "")
             + (f", {parts} parts" if parts > 1 else "")
-            + (f", {_counted(holes, 'hole')}" if holes else ""),
+            + (f", {counted(holes, 'hole')}" if holes else ""),
             f"pattern    {pattern}; lines heading {rounded_deg(self.solution.heading_rad, 1):.1f}°",
             *(f"{'covers' if end is self.full else '':<10} {self._covers_text(end)}" for end in self.ends),
         ]
         obstacles, boundary = field.airspace
         if obstacles or boundary:
-            kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
+            kept = [f"out of {counted(len(obstacles), 'obstacle')}"] if obstacles else []
             kept += ["inside the boundary"] if boundary else []
             lines.append(f"stays      {' and '.join(kept)}")
         lines += left_text(self.left, 1 - self.least.coverage, field.origin_deg)
