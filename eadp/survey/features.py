@@ -109,9 +109,9 @@ def is_closed(line: Sequence[Point]) -> bool:
     return len(line) > 3 and line[0] == line[-1]
 
 
-def counted(count: int, one: str, several: str) -> str:
+def counted(count: int, noun: str) -> str:
     """A count with its noun: "1 hole", "2 holes"."""
-    return f"1 {one}" if count == 1 else f"{count} {several}"
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def read_features(source: Text, *, metres: bool) -> Features:
@@ -156,9 +156,6 @@ _DEGREES = re.compile(r".*(?:CRS84h?|EPSG\W(?:.*\W)?(?:4326|4979|4258|4937))\s*"
 """Names of the reference systems whose numbers are degrees as WGS-84 has them, to a metre."""
 _WEB_MERCATOR = re.compile(r".*\D(?:3857|3785|900913|102100|102113)\s*", re.DOTALL)
 """Of that whose metres are longer than metres away from the equator."""
-_OTHER_LENGTH = re.compile(
-    r"\s*(?:ft|feet|foot|us-ft|yd|yards?|km|kilomet(?:re|er)s?|miles?|cm|mm)(?!\w)", re.IGNORECASE
-)
 _IN_METRES = re.compile(r"\s*(?:m|met(?:re|er)s?)(?![\w/^*·])", re.IGNORECASE)
 
 
@@ -183,12 +180,8 @@ class _GeoJson:
     def _are_degrees(self) -> bool:
         """Whether coordinates are degrees: by a `crs`, else by the option or `units`; of the whole file.
 
-        Raises InputError of other units, and of a reference system that is not read.
+        Raises InputError of a reference system that is not read.
         """
-        other = next(filter(_OTHER_LENGTH.match, self.units), None)
-        if other is not None and not self.metres:
-            expected = "metres, or longitude and latitude in degrees"
-            raise self.source.error((1, 1), f"units of {printable(other, 40)}", expected)
         if any(_DEGREES.fullmatch(name) for name, _ in self.systems):
             return True
         in_metres = self.metres or any(map(_IN_METRES.match, self.units))
@@ -381,7 +374,7 @@ def read_table(source: Text, metres: bool) -> Features:
     ring, faults, width = Line(), list[Fault](), len(head.fields)
     for row in rows:
         if len(row.fields) < width or any(row.fields[width:]):
-            message = counted(len(row.fields), "field", "fields")
+            message = counted(len(row.fields), "field")
             faults.append(row.fault(min(len(row.fields), width), message, f"{width}, as in the first row"))
         elif wrong := [row.fault(i, *each) for i in columns if (each := number_fault(row.fields[i]))]:
             faults += wrong

@@ -20,7 +20,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.plan.writer import parameters_of
-from eadp.io.text.streams import LIMIT_BYTES, Location, Text, read_text
+from eadp.io.text.streams import LIMIT_BYTES, Location, Text, read_text, text_of
 from eadp.models.airspace import Airspace, Field, Obstacle
 from eadp.models.plan.plan import Plan
 from eadp.plug_ins import plug_ins
@@ -108,11 +108,11 @@ class _Outlines:
         expected = "a ring that neither crosses nor touches itself, holes within the outline and apart from one another"
         raise self.source.error(of.location, f"{_title(defect.ring, of)} {defect.message} at {where}", expected)
 
-    def notes(self, **others: tuple[str, str, str]) -> list[str]:
+    def notes(self, **others: tuple[str, str]) -> list[str]:
         """Sentences on what was left out and repaired; `others` are counted too, as `_CHANGED`."""
-        small = "polygon", "polygons", f"of less than {self.smallest_m2:g} m² left out"
+        small = "polygon", f"of less than {self.smallest_m2:g} m² left out"
         named, counts = {"small": small} | others | _CHANGED, self.counts
-        return [f"{counted(counts[key], *names)} {what}" for key, (*names, what) in named.items() if counts[key]]
+        return [f"{counted(counts[key], noun)} {what}" for key, (noun, what) in named.items() if counts[key]]
 
 
 def _tidied(ring: Line) -> tuple[Point, ...]:
@@ -126,10 +126,10 @@ def _tidied(ring: Line) -> tuple[Point, ...]:
 
 
 _CHANGED = {
-    "coarse": ("ring", "rings", f"of more than {RING_LIMIT} vertices simplified within {COARSE_M:g} m"),
-    "repaired": ("outline", "outlines", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
+    "coarse": ("ring", f"of more than {RING_LIMIT} vertices simplified within {COARSE_M:g} m"),
+    "repaired": ("outline", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
 }
-"""What is counted, one and several, and what was done with it."""
+"""What is counted, and what was done with it."""
 
 
 def _title(ring: int, of: Feature) -> str:
@@ -192,7 +192,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     obstacles = _obstacles(avoided, frame, found.degrees, text, notes)
     thin = tuple(Obstacle(outline, "hole") for ring in outlines.thin for outline, *_ in near(ring, THIN_M))
     if thin:
-        holes = counted(len(outlines.thin), "obstacle", "obstacles")
+        holes = counted(len(outlines.thin), "obstacle")
         notes.append(f"{holes} without an area kept, with what lies within {THIN_M:g} m")
     airspace = Airspace((*obstacles, *thin))
     name = printable("".join(chosen[0].names[:1])) if len(chosen) == 1 else ""
@@ -347,13 +347,6 @@ class _Frame(NamedTuple):
             ]
         return corners if self.is_near(corners) else None
 
-    def near_if_swapped(self, ring: Line, of: Feature, source: Text) -> bool:
-        """Whether an outline that is far is near with its longitudes and latitudes swapped."""
-        if self.origin_deg is None or any(abs(x) > 90 for x, _ in ring):
-            return False
-        swapped = [(y, x) for x, y in ring]
-        return self.near(ring, of, source) is None and self.near(swapped, of, source) is not None
-
 
 def read_airspace(
     avoid: Text | None,
@@ -373,7 +366,7 @@ def read_airspace(
     ------
     InputError
         With the faults of the file; also if it is in degrees and there is no origin, or the other way round, if
-        nothing is left of a boundary, or if no obstacle in metres is near.
+        nothing is left of a boundary, or if no obstacle is near.
     """
     frame, obstacles, boundary, notes = _Frame(origin_deg, middle_m), list[Obstacle](), list[Obstacle](), list[Fault]()
     for text, within in ((avoid, False), (inside, True)):
@@ -443,7 +436,7 @@ def _obstacles(
     Raises
     ------
     InputError
-        Where nothing is near that can be meant, or the units are not those of the field.
+        Where nothing is near, or the units are not those of the field.
     """
     from eadp.core.geometry.polygons import clipped, near
 
@@ -469,18 +462,12 @@ def _obstacles(
             counts["far"] += not own
         name = printable(" ".join(of.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {number}"
         found += [Obstacle(outline, name, of.height_m) for outline in own]
-    far = "polygon", "polygons", f"farther than {ZONES_M / 1000:g} km left out"
-    thin = "obstacle", "obstacles", f"without an area kept, with what lies within {THIN_M:g} m"
+    far = "polygon", f"farther than {ZONES_M / 1000:g} km left out"
+    thin = "obstacle", f"without an area kept, with what lies within {THIN_M:g} m"
     said = outlines.notes(far=far, thin=thin)
     if rings and not found:
-        at = rings[0][1].location
-        if any(frame.near_if_swapped(ring, of, source) for ring, of in rings):
-            message = "lies near the field or plan if longitude and latitude are swapped"
-            expected = "the order of the field or plan, in which they may be swapped instead"
-            raise source.error(at, message, expected)
-        if inside or frame.origin_deg is None:  # in degrees a file may have the obstacles of a country
-            expected = f"a polygon within {ZONES_M / 1000:g} km, in the units and the grid of the field or plan"
-            raise source.error(at, "; ".join(said), expected)
+        expected = f"a polygon within {ZONES_M / 1000:g} km, in the units, grid and order of the field or plan"
+        raise source.error(rings[0][1].location, "; ".join(said), expected)
     notes += said
     return tuple(found)
 
@@ -548,8 +535,6 @@ def _fenced(plan: Plan, avoided: Text | None, boundary_file: Text | None) -> tup
 
 # --- files
 
-_AS_GEOJSON = "GeoJSON, as by ogr2ogr -t_srs EPSG:4326 field.geojson {}"
-
 
 def read_field_text(path: str) -> Text:
     """Read a text file, standard input for `-`, or the KML of a KMZ file.
@@ -557,28 +542,17 @@ def read_field_text(path: str) -> Text:
     Raises
     ------
     InputError
-        As `read_text`; or of a shapefile, and if an archive is damaged, has no KML, or its KML is too large.
+        As `read_text`; or if an archive is damaged, has no KML, or its KML is too large.
     """
-    if path.lower().endswith(".shp"):
-        raise InputError.at(path, 1, 1, "is a shapefile, which is not read", _AS_GEOJSON.format(path))
     if not (os.path.isfile(path) and zipfile.is_zipfile(path)):  # a pipe is read once
         return read_text(path)
     try:
         with zipfile.ZipFile(path) as archive:
             # the first is the document that is shown, as doc.kml
-            names = {os.path.splitext(name)[1].lower(): name for name in reversed(archive.namelist())}
-            if ".kml" in names:
-                with archive.open(names[".kml"]) as document:
-                    data = document.read(LIMIT_BYTES + 1)
-                if len(data) > LIMIT_BYTES:
-                    raise InputError.at(path, 1, 1, "its KML is too large", f"at most {LIMIT_BYTES} bytes")
-                return Text(path, data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n"))
-    except UnicodeDecodeError:
-        raise InputError.at(path, 1, 1, "its KML is not UTF-8 text", "UTF-8 text") from None
+            name = next((each for each in archive.namelist() if each.lower().endswith(".kml")), None)
+            if name is None:
+                raise InputError.at(path, 1, 1, "an archive without a KML document", "a KMZ file")
+            with archive.open(name) as document:
+                return text_of(path, document.read(LIMIT_BYTES + 1))
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
-        message = f"cannot be read as an archive: {error}"
-        raise InputError.at(path, 1, 1, message, "a KMZ file") from None
-    if ".shp" in names:
-        message, expected = "is an archive of a shapefile, which is not read", _AS_GEOJSON.format(f"/vsizip/{path}")
-        raise InputError.at(path, 1, 1, message, expected)
-    raise InputError.at(path, 1, 1, "an archive without a KML document", "a KMZ file")
+        raise InputError.at(path, 1, 1, f"cannot be read as an archive: {error}", "a KMZ file") from None

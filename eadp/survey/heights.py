@@ -469,15 +469,6 @@ class HeightProfile:
         """Heights on lines above the ground where their pictures overlap [m]."""
         return (self.flown_m - self.sides_m)[self.samples.on_line]
 
-    @property
-    def elsewhere_m(self) -> float | None:
-        """Least height above ground beside the lines [m], between climb-out and landing; None without such a way."""
-        above_m = self.flown_m - self.ground_m
-        high = above_m >= self.ground.limits.clearance_m - ROUNDING_M
-        between = np.maximum.accumulate(high) & np.maximum.accumulate(high[::-1])[::-1]
-        elsewhere_m = above_m[between & ~self.samples.on_line]
-        return float(elsewhere_m.min()) if len(elsewhere_m) else None
-
 
 def over_terrain(
     solution: CoverageSolution,

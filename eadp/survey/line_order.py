@@ -67,11 +67,6 @@ def best_order(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLi
     cost : float
         Its total.
 
-    Raises
-    ------
-    ValueError
-        If shapes disagree or a cost is not finite.
-
     Source: see the module.
     """
     problem = _problem(costs, own, first, last)
@@ -86,7 +81,7 @@ def quick_order(
 ) -> tuple[list[int], float]:
     """A good order at a tenth of the effort, to compare fields, headings or spacings with one another.
 
-    Arguments, results and errors are those of `best_order`; `known` is an order to improve.
+    Arguments and results are those of `best_order`; `known` is an order to improve.
 
     Notes
     -----
@@ -106,7 +101,7 @@ def quick_order(
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """Checked costs, see `best_order`; 0 from a line to itself, in either direction."""
+    """Costs, see `best_order`; 0 from a line to itself, in either direction."""
 
     costs: FloatArray
     own: FloatArray
@@ -131,17 +126,11 @@ class _Problem:
 
 
 def _problem(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLike) -> _Problem:
-    """The checked problem. Raises ValueError if shapes disagree or a cost is not finite."""
-    square = np.asarray(costs, dtype=float)
+    """The problem of some costs."""
     rows = [np.asarray(row, dtype=float) for row in (own, first, last)]
-    directed = rows[0].size
-    if directed % 2 or square.shape != (directed, directed) or any(row.shape != (directed,) for row in rows):
-        raise ValueError("costs of directed lines are (2n, 2n), and of each of them (2n,)")
-    # pairs of two lines, not of one line with itself or with its other direction
-    of_two = ~np.kron(np.eye(directed // 2, dtype=bool), np.ones((2, 2), dtype=bool))
-    if not (np.isfinite(square[of_two]).all() and all(np.isfinite(row).all() for row in rows)):
-        raise ValueError("a cost is not finite")
-    return _Problem(np.where(of_two, square, 0.0), *rows)
+    # pairs of one line with itself or with its other direction
+    of_one = np.kron(np.eye(rows[0].size // 2, dtype=bool), np.ones((2, 2), dtype=bool))
+    return _Problem(np.where(of_one, 0.0, np.asarray(costs, dtype=float)), *rows)
 
 
 # --- exactly ----------------------------------------------------------------------------------------------------------

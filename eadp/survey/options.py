@@ -16,7 +16,6 @@ from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m
 from eadp.models.plan.pieces import course_rad
 from eadp.models.vehicle import Airframe
 from eadp.survey.camera import CameraOptions, option_fault
-from eadp.survey.coverage import AUTO, PATTERNS
 from eadp.survey.heights import TerrainOptions
 from eadp.survey.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 
@@ -54,7 +53,7 @@ class PathOptions:
     heading_deg: float | None = None
     """Heading of the lines [°], a compass bearing; the quickest by default."""
 
-    pattern: Annotated[str, Flag(metavar=f"[{'|'.join(PATTERNS)}]")] = AUTO
+    pattern: Literal["zamboni", "dubins", "auto"] = "auto"
     """Zamboni-like laps, lines in an order with Dubins turns, or the shorter."""
 
     turns_off: bool = False

@@ -7,7 +7,6 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-from dataclasses import field as dataclass_field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -26,13 +25,12 @@ from eadp.core.geometry.polygons import (
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
 from eadp.models.airspace import CLEARANCE_M, Field
-from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
-from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.planning.forecast.held import Preflight
 from eadp.survey.camera import Pictures, pictures_document, rounded_text
-from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
+from eadp.survey.coverage import CoverageSolution
+from eadp.survey.features import counted
 from eadp.survey.heights import HeightProfile
 from eadp.survey.swaths import CoveragePath, MotionLimits
 
@@ -86,10 +84,6 @@ def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
 def rounded_deg(heading_rad: float, digits: int) -> float:
     """The compass bearing of a heading, rounded [°]."""
     return round(compass_deg(heading_rad), digits) % 360
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 MIN_SHARE = 1e-4
@@ -203,14 +197,13 @@ class HeightReport(NamedTuple):
     def document(self) -> dict[str, Any]:
         """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
         ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
-        line_m, elsewhere_m = ground.limits.line_m, [each.profile.elsewhere_m for each in self.flights]
+        line_m = ground.limits.line_m
         # pictures are as wide as their height above the ground
         widths_m = self.width_m * self._joined("overlapping_m") / line_m
         return {
             "zero_m": ground.zero_m,
             "ground_m": [float(ground_m.min()), float(ground_m.max())],
             "height_m": _range(above_m),
-            "height_elsewhere_m": min((up_m for up_m in elsewhere_m if up_m is not None), default=None),
             "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
             "home_altitude_m": self.home_altitude_m,
             "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
@@ -220,13 +213,12 @@ class HeightReport(NamedTuple):
     def text(self) -> list[str]:
         """For people, of the same."""
         values = self.document()
-        (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
+        low, high = values["ground_m"]
         least, mean, most = values["height_m"]
-        elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
         lines = [
             f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
-            f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
-            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
+            f"{counted(values['altitudes'], 'altitude')}",
+            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m",
         ]
         said = []
         if (pixels := values["gsd_cm"]) is not None:
@@ -247,20 +239,6 @@ def _range(values: FloatArray) -> list[float]:
 # --- a plan
 
 
-class Pack(NamedTuple):
-    """A full pack, the state of charge kept in it, and that with less of which the autopilot turns back."""
-
-    battery: Battery
-    reserve_soc: float
-    turns_back_soc: float = 0.0
-
-    @property
-    def energy_wh(self) -> float:
-        """What it gives before [Wh]."""
-        kept = max(self.reserve_soc, self.turns_back_soc)
-        return float((1 - kept) * self.battery.capacity_ah * self.battery.voltage_at((1 + kept) / 2))
-
-
 @dataclass(frozen=True)
 class CoveragePlan:
     """A plan that covers a field, and what its path amounts to.
@@ -279,11 +257,8 @@ class CoveragePlan:
         Repairs made to the field, and what is flown over.
     pictures : Pictures or None
         The camera's.
-    pack : Pack or None
-        A full one of the aircraft.
     heights : Heights or None
         Over its terrain.
-    autopilot : Autopilot
     aircraft : str
         What the energy is of.
     slower : Preflight or None
@@ -297,9 +272,7 @@ class CoveragePlan:
     ends: tuple[PathReport, ...]
     repairs: Sequence[str] = ()
     pictures: Pictures | None = None
-    pack: Pack | None = None
     heights: Heights | None = None
-    autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
     aircraft: str = ""
     slower: Preflight | None = None
 
@@ -338,17 +311,6 @@ class CoveragePlan:
         """Share of a line's ground that the next line shows too, at the finest spacing and at the coarsest."""
         spacings_m = [end.spacing_m for end in (self.full, self.least)]
         return [None if apart_m is None else 1 - apart_m / self.on_ground[0] for apart_m in spacings_m]
-
-    @property
-    def _batteries(self) -> list[float] | None:
-        """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest.
-
-        None where nothing is known of them, or of the energy, and where the autopilot turns back with a full one.
-        """
-        if self.pack is None or self.pack.energy_wh <= 0:
-            return None
-        energies_wh = [end.energy_wh for end in (self.full, self.least) if end.energy_wh is not None]
-        return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None
 
     @property
     def _slower(self) -> dict[str, Any] | None:
@@ -395,7 +357,6 @@ class CoveragePlan:
             "plan": self.text,
             **energy,
             "side_overlap": self._side_overlaps,
-            "batteries": self._batteries,
             "slower": self._slower,
             **pictures_document(self.pictures),
             "terrain": None if self.heights is None else HeightReport([self.heights], *self.on_ground).document(),
@@ -405,7 +366,7 @@ class CoveragePlan:
     def titled_paths(self) -> dict[str, CoveragePath]:
         """The path at each end of c1 under a title."""
         return {
-            f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered": end.path
+            f"{counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered": end.path
             for end in self.ends
         }
 
@@ -413,7 +374,7 @@ class CoveragePlan:
         """What the path covers at an end of c1."""
         at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
         energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
-        lines = f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
+        lines = f"{counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
         return f"{100 * end.coverage:.2f} %{at}: {lines}"
 
     @property
@@ -422,19 +383,18 @@ class CoveragePlan:
         field, blocks = self.field, len(self.solution.blocks)
         parts = len(field.parts)
         holes = sum(map(len, field.parts)) - parts
-        own = {DUBINS: "lines in an order, Dubins turns", ZAMBONI: f"Zamboni-like, {_counted(blocks, 'block')}"}
-        pattern = own.get(self.solution.pattern, self.solution.pattern)
+        pattern = f"Zamboni-like, {counted(blocks, 'block')}" if blocks else "lines in an order, Dubins turns"
         lines = [
             f"field      {f'{field.name}, ' if field.name else ''}{field.area_m2 / 1e4:.2f} ha"
             + (f" at {place_text(field.origin_deg)}" if field.origin_deg else "")
             + (f", {parts} parts" if parts > 1 else "")
-            + (f", {_counted(holes, 'hole')}" if holes else ""),
+            + (f", {counted(holes, 'hole')}" if holes else ""),
             f"pattern    {pattern}; lines heading {rounded_deg(self.solution.heading_rad, 1):.1f}°",
             *(f"{'covers' if end is self.full else '':<10} {self._covers_text(end)}" for end in self.ends),
         ]
         obstacles, boundary = field.airspace
         if obstacles or boundary:
-            kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
+            kept = [f"out of {counted(len(obstacles), 'obstacle')}"] if obstacles else []
             kept += ["inside the boundary"] if boundary else []
             lines.append(f"stays      {' and '.join(kept)}")
         lines += left_text(self.left, 1 - self.least.coverage, field.origin_deg)
@@ -450,13 +410,6 @@ class CoveragePlan:
         elif self.plan.site.home_altitude_m is not None:
             lines.append(HOME_TEXT.format(self.plan.site.home_altitude_m))
         lines += [f"aircraft   {self.aircraft}"] if self.aircraft else []
-        if self._batteries is not None and self.pack is not None:
-            packs = " to ".join(dict.fromkeys(rounded_text(count, 2) for count in self._batteries))
-            until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
-            gives = f"a full one gives {rounded_text(self.pack.energy_wh, 3)} Wh before {until}, no charge lost at once"
-            lines.append(f"batteries  {packs}; {gives}")
-        elif self.pack is not None and self.pack.energy_wh <= 0:
-            lines.append("batteries  none is enough: the autopilot turns back with a full one")
         if (slower := self._slower) is not None:
             least = f"{slower['time_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
             lines.append(
@@ -482,7 +435,5 @@ class CoveragePlan:
         ends = f" to {last.altitude_m:.0f} m" if last.altitude_m else ""
         circle = ", after a circle down to it" if before.command(LOITER_TO_ALTITUDE) else ""
         steep_deg = math.degrees(math.atan2(down_m, length_m))
-        steep = self.autopilot.kind is None and steep_deg > FACTORY[PX4][LANDING_ANGLE] + 0.05
-        px4 = f": PX4 needs {LANDING_ANGLE} {steep_deg:.1f}" if steep else ""
         how = f"final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}, {steep_deg:.1f}°"
-        return [f"landing    {how}{circle}{px4}"]
+        return [f"landing    {how}{circle}"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Annotated, Any, ClassVar, Final
 
@@ -17,7 +17,7 @@ from eadp.core.geometry.dubins import straight
 from eadp.core.geometry.geodesy import heading_rad, place_text
 from eadp.core.geometry.polygons import hull
 from eadp.errors import Infeasible, InputError
-from eadp.io.flight import airspeeds_text, losses_text, setting_text
+from eadp.io.flight import losses_text, setting_text
 from eadp.io.scenario import value_text
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, check_range
@@ -30,7 +30,6 @@ from eadp.survey.cover import CoverageTask, held_at
 from eadp.survey.coverage import (
     AUTO,
     DUBINS,
-    PATTERNS,
     ZAMBONI,
     CoverageRequest,
     CoverageSolution,
@@ -122,9 +121,6 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
-        if request.pattern not in PATTERNS:
-            expected = f"one of {', '.join(PATTERNS)}"
-            raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
         if self.lines is not None:
             request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
         if request.heading_rad is None or request.pattern == AUTO:
@@ -365,10 +361,8 @@ class SortiePlan:
             "time_s": sum(row["time_s"] for row in rows),
             "coverage": self.coverage,
             "left": [each.document(task.field.origin_deg) for each in self.left],
-            "overlap_m": OVERLAP_M,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
-            "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
         }
@@ -385,7 +379,6 @@ class SortiePlan:
         lines = [
             f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",
             f"sorties    {count}, {why}: {energy}",
-            *self._slower(),
         ]
         lines += [] if self.pictures is None else self.pictures.lines()
         lines += [] if self._heights is None else self._heights.text()
@@ -405,21 +398,6 @@ class SortiePlan:
                 ]
             )
         return [*lines, "", *aligned(table)]
-
-    def _slower(self) -> list[str]:
-        """What less airspeed saves, and the option that plans the sorties at it; a line, or none."""
-        found = [each.inputs.at_min_energy() for each in self.sorties]
-        ends = [
-            (each.airspeeds_mps, each.forecast.energy_wh) for each in found if each is not None and each.airspeeds_mps
-        ]
-        whole_wh = sum(each.forecast.forecast.energy_wh or 0.0 for each in self.sorties)
-        if len(ends) < len(found) or not whole_wh:
-            return []
-        speeds_mps = [speed for airspeeds_mps, _ in ends for speed in airspeeds_mps]
-        saved = 1 - sum(energy_wh or 0.0 for _, energy_wh in ends) / whole_wh
-        plans = f"--airspeed {statistics.median_high(speeds_mps):.3g} plans for it"
-        fewer = f", in {math.ceil(len(found) * (1 - saved))} or more sorties" if saved * len(found) >= 1 else ""
-        return [f"slower     {airspeeds_text(speeds_mps)}: {100 * saved:.0f} % less energy; {plans}{fewer}"]
 
     def scenario_text(self, profile: str | None) -> str:
         """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""

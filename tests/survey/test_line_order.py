@@ -172,21 +172,6 @@ def test_the_search_beats_back_and_forth(wind):
     assert best[1] <= jitted[1] * (1 + ROUNDING) < 0.92 * total(in_turn, problem)
 
 
-@pytest.mark.parametrize(
-    ("costs", "own", "message"),
-    [
-        (np.zeros((4, 4)), np.zeros(6), "2n"),
-        (np.zeros((3, 3)), np.zeros(3), "2n"),
-        (np.full((4, 4), np.nan), np.zeros(4), "finite"),
-        (np.zeros((4, 4)), np.array([0, 0, np.inf, 0]), "finite"),
-    ],
-)
-def test_costs_that_are_none(costs, own, message):
-    for order in (best_order, quick_order):
-        with pytest.raises(ValueError, match=message):
-            order(costs, own, np.zeros(len(own)), np.zeros(len(own)))
-
-
 def test_a_lines_way_to_itself_is_not_used():
     problem = field("slanted", 16)
     blocked = problem[0].copy()

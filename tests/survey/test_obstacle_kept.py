@@ -113,7 +113,7 @@ def test_metres_without_an_obstacle_near_are_another_grid():
     with pytest.raises(InputError, match="farther than 100 km left out; expected a polygon within 100 km, in the uni"):
         read_zones(pole, None, read.middle_m)
     rings = {"field": FIELD, "avoid pole": [(x + 492_000, y) for x, y in POLE]}
-    with pytest.raises(InputError, match="in the units and the grid of the field"):
+    with pytest.raises(InputError, match="in the units, grid and order of the field"):
         read_field(geojson(rings), metres=True)
 
 

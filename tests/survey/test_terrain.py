@@ -95,7 +95,6 @@ def flown_as_planned(field, terrain, wind, *, gentle=False, folder):
     assert above_m.min() >= limits.clearance_m
     assert above_m[on_line].min() == pytest.approx(profile.above_m.min(), abs=FOLLOWED_M)
     assert above_m[on_line].max() == pytest.approx(profile.above_m.max(), abs=FOLLOWED_M)
-    assert above_m[~on_line].min() == pytest.approx(profile.elsewhere_m, abs=2 * FOLLOWED_M)
     if gentle:
         assert above_m[on_line].max() <= limits.line_m + limits.tolerance_m
     said = flight.summary["energy_forecast"]["energy_wh"]
@@ -215,7 +214,6 @@ def test_a_flight_over_terrain_lands_on_the_ground_as_planned_and_forecast(landi
     approach = stages == len(found.plan.stages)
     climbed = np.maximum.accumulate(above_m >= 20)
     assert above_m[climbed & ~approach].min() >= 20
-    assert above_m[climbed & ~approach].min() == pytest.approx(found.heights.profile.elsewhere_m, abs=2 * FOLLOWED_M)
     # the ground rises towards the approach by 5 %, which descends more
     height_m = up_m[approach] - down_m
     assert (above_m[approach] >= np.minimum(20, height_m / 2) - FOLLOWED_M).all()

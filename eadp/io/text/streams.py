@@ -83,6 +83,11 @@ def read_text(path: str) -> Text:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError.at(name, 1, 1, f"cannot be read: {reason}", "a readable file") from None
+    return text_of(name, data)
+
+
+def text_of(name: str, data: bytes) -> Text:
+    """The text that the bytes of a file are. Raises InputError as `read_text`."""
     if len(data) > LIMIT_BYTES:
         raise InputError.at(name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
     try:
