@@ -1,4 +1,4 @@
-"""Measurements of power while a command runs: configurations, the loop over them, the command's process, and the CSV."""
+"""Measurements of power while a command runs: configurations, their loop, the command's process, and the CSV."""
 
 from __future__ import annotations
 

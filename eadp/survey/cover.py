@@ -63,7 +63,7 @@ from eadp.survey.heights import (
 )
 from eadp.survey.options import CoverageOptions, place_of, point_of
 from eadp.survey.plan_builder import FieldComputations, PlanCommands, build_plan
-from eadp.survey.report import CoveragePlan, Heights, PathReport
+from eadp.survey.report import CoveragePlan, Heights, Pack, PathReport
 from eadp.survey.swaths import CoverageLeg, MotionLimits
 
 FLAT_M = 1000.0
@@ -92,9 +92,8 @@ class CoverageTask:
     airframe : Airframe
         For the airspeed, and the power of the motion in level flight.
     profile : profile or None
-        Its computations run over the field.
-    states_energy : bool
-        Whether the report has the energy: with a profile or a battery.
+        Its computations run over the field; with it, or with a pack, the report has the energy.
+    pack : Pack or None
     autopilot : Autopilot
         For the landings that it accepts.
     """
@@ -107,7 +106,7 @@ class CoverageTask:
     vehicle: str
     airframe: Airframe
     profile: Profile | None = None
-    states_energy: bool = False
+    pack: Pack | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
     @property
@@ -344,7 +343,7 @@ class CoverageTask:
         site_field, c1s = replace(field, airspace=self.airspace), dict.fromkeys((0.0, solution.min_c1))
         ends = tuple(PathReport.of(solution, site_field, motion, c1) for c1 in c1s)
         notes = [*self.repairs, *self.flown_over]
-        return CoveragePlan(plan, site_field, motion, solution, ends, notes, pictures, heights)
+        return CoveragePlan(plan, site_field, motion, solution, ends, notes, pictures, self.pack, heights)
 
     def _over(self, ground: Ground, solution: CoverageSolution, home_m: Point) -> tuple[CoverageSolution, Heights]:
         """A path with its altitudes over a ground, and these. Raises Infeasible as `over_terrain`."""
@@ -496,7 +495,7 @@ def cover(
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
     found = task.planned(task.solution())
-    if task.states_energy:
+    if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
         try:
             found = _with_energy(found, given, profile, keys)
@@ -514,7 +513,7 @@ def _with_energy(
     found: CoveragePlan, scenario: str | None, profile: File | Profile | None, keys: dict[str, Any]
 ) -> CoveragePlan:
     """A plan with its energy at each end of c1 as forecast, with every computation at its highest."""
-    ends = []
+    ends, turns_back_soc = [], 0.0
     for end in found.ends:
         plan = held_at(found.plan, "lo" if end.c1 < 0 else "hi", "hi")
         inputs = load_flight(plan, scenario=scenario, profile=profile, overrides=keys)
@@ -522,9 +521,10 @@ def _with_energy(
         if forecast is None:
             return found
         ends.append(replace(end, energy_wh=forecast.forecast.energy_wh))
+        turns_back_soc = max(turns_back_soc, forecast.turns_back_soc)
         slower = inputs.at_min_energy() if end.c1 == 0 else found.slower
         found = replace(found, aircraft=setting_text(inputs.scenario), slower=slower)
-    return replace(found, ends=tuple(ends))
+    return replace(found, ends=tuple(ends), pack=found.pack and found.pack._replace(turns_back_soc=turns_back_soc))
 
 
 def picture_warnings(pictures: Pictures | None) -> list[Fault]:
@@ -559,7 +559,10 @@ def coverage_task(
     options = options.with_camera()
     if (cruises or options.landing is not None or options.takeoff_deg is not None) and options.altitude_m is None:
         options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
-    states_energy = profile is not None or vehicle is not None or "battery" in setting.chosen
+    pack = None
+    if vehicle is not None or "battery" in setting.chosen:
+        battery = flown.battery if vehicle is not None else setting.keys.battery
+        pack = Pack(battery, setting.keys.reserve_soc)
     wind_mps = setting.keys.wind.steady_mps
     if vehicle is not None or "vehicle" in setting.chosen:
         faults = flown.airframe.flown_at(options.airspeed_mps or flown.airframe.airspeed_mps).faults()
@@ -572,11 +575,8 @@ def coverage_task(
     text = read_field_text(field)
     ground, repairs = read_field(text, metres=options.metres, feature=options.feature)
     ground, notes = _limited(ground, options)
-    notes = [*repairs, *notes]
-    airframe = flown.airframe
-    task = CoverageTask(
-        text.name, ground, notes, options, motion, flown.name, airframe, profile, states_energy, setting.keys.autopilot
-    )
+    notes, autopilot = [*repairs, *notes], setting.keys.autopilot
+    task = CoverageTask(text.name, ground, notes, options, motion, flown.name, flown.airframe, profile, pack, autopilot)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])

@@ -17,7 +17,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import (
     Ring,
-    covered_shares,
+    covered_share,
     ground_m2,
     inner_point,
     uncovered,
@@ -25,6 +25,7 @@ from eadp.core.geometry.polygons import (
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
 from eadp.models.airspace import CLEARANCE_M, Field
+from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.planning.forecast.held import Preflight
@@ -78,7 +79,7 @@ class PathReport:
 
 def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
     """Share of a field that the lines of a path cover; turns cover nothing."""
-    return covered_shares(field.parts, [path.sensed_m], swath_m)[-1]
+    return covered_share(field.parts, path.sensed_m, swath_m)
 
 
 def rounded_deg(heading_rad: float, digits: int) -> float:
@@ -239,6 +240,20 @@ def _range(values: FloatArray) -> list[float]:
 # --- a plan
 
 
+class Pack(NamedTuple):
+    """A full pack, the state of charge kept in it, and that with less of which the autopilot turns back."""
+
+    battery: Battery
+    reserve_soc: float
+    turns_back_soc: float = 0.0
+
+    @property
+    def energy_wh(self) -> float:
+        """What it gives before [Wh]."""
+        kept = max(self.reserve_soc, self.turns_back_soc)
+        return float((1 - kept) * self.battery.capacity_ah * self.battery.voltage_at((1 + kept) / 2))
+
+
 @dataclass(frozen=True)
 class CoveragePlan:
     """A plan that covers a field, and what its path amounts to.
@@ -257,6 +272,8 @@ class CoveragePlan:
         Repairs made to the field, and what is flown over.
     pictures : Pictures or None
         The camera's.
+    pack : Pack or None
+        A full one of the aircraft.
     heights : Heights or None
         Over its terrain.
     aircraft : str
@@ -272,6 +289,7 @@ class CoveragePlan:
     ends: tuple[PathReport, ...]
     repairs: Sequence[str] = ()
     pictures: Pictures | None = None
+    pack: Pack | None = None
     heights: Heights | None = None
     aircraft: str = ""
     slower: Preflight | None = None
@@ -311,6 +329,17 @@ class CoveragePlan:
         """Share of a line's ground that the next line shows too, at the finest spacing and at the coarsest."""
         spacings_m = [end.spacing_m for end in (self.full, self.least)]
         return [None if apart_m is None else 1 - apart_m / self.on_ground[0] for apart_m in spacings_m]
+
+    @property
+    def _batteries(self) -> list[float] | None:
+        """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest.
+
+        None where nothing is known of them, or of the energy, and where the autopilot turns back with a full one.
+        """
+        if self.pack is None or self.pack.energy_wh <= 0:
+            return None
+        energies_wh = [end.energy_wh for end in (self.full, self.least) if end.energy_wh is not None]
+        return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None
 
     @property
     def _slower(self) -> dict[str, Any] | None:
@@ -357,6 +386,7 @@ class CoveragePlan:
             "plan": self.text,
             **energy,
             "side_overlap": self._side_overlaps,
+            "batteries": self._batteries,
             "slower": self._slower,
             **pictures_document(self.pictures),
             "terrain": None if self.heights is None else HeightReport([self.heights], *self.on_ground).document(),
@@ -410,6 +440,13 @@ class CoveragePlan:
         elif self.plan.site.home_altitude_m is not None:
             lines.append(HOME_TEXT.format(self.plan.site.home_altitude_m))
         lines += [f"aircraft   {self.aircraft}"] if self.aircraft else []
+        if self._batteries is not None and self.pack is not None:
+            packs = " to ".join(dict.fromkeys(rounded_text(count, 2) for count in self._batteries))
+            until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
+            gives = f"a full one gives {rounded_text(self.pack.energy_wh, 3)} Wh before {until}, no charge lost at once"
+            lines.append(f"batteries  {packs}; {gives}")
+        elif self.pack is not None and self.pack.energy_wh <= 0:
+            lines.append("batteries  none is enough: the autopilot turns back with a full one")
         if (slower := self._slower) is not None:
             least = f"{slower['time_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
             lines.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from typing import Annotated, Any, ClassVar, Final
 
@@ -361,8 +361,10 @@ class SortiePlan:
             "time_s": sum(row["time_s"] for row in rows),
             "coverage": self.coverage,
             "left": [each.document(task.field.origin_deg) for each in self.left],
+            "overlap_m": OVERLAP_M,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
+            "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
         }

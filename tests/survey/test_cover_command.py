@@ -102,6 +102,7 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
     assert answer["side_overlap"] == pytest.approx([1 - apart_m / 120 for apart_m in answer["spacing_m"]])
     assert min(answer["side_overlap"]) >= 0.7
     assert answer["gsd_cm"] == pytest.approx(100 * 120 / 6000)
+    assert answer["batteries"] is None
     # the field once, or with lines of half the distance twice; and what lines show beyond its edge
     apart_m = 18 if pattern == "zamboni" else 36
     assert 1.0 < answer["pictures"] * 16 * apart_m / answer["field"]["area_m2"] < 1.35
