@@ -1,5 +1,6 @@
 """A package that adds to eadp, the one of docs/examples: installed beside it, found by its entry points, and flown."""
 
+import json
 import math
 import shutil
 import tomllib
@@ -83,6 +84,8 @@ def test_its_settings_are_checked_as_those_of_eadp(setting, message, capsys):
 def test_without_the_package_its_names_are_unknown(capsys):
     assert main(["simulate", SURVEY, "--profile", PROFILE, "--planner", "thrift"]) == 2
     assert "unknown planner thrift; expected one of static, paper, joint" in capsys.readouterr().err
+    assert main(["cover", MEADOW, "--swath", "30", "--pattern", "rows"]) == 2
+    assert "--pattern:1:1: error: is no pattern; expected one of zamboni, dubins, auto" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("installed")
@@ -161,6 +164,17 @@ def test_the_charge_of_a_voltage_is_the_inverse_of_the_law():
     assert [level(float(each), battery.curve) for each in soc] == pytest.approx(
         (battery.voltage_at(soc) - battery.voltage_at(0)) / (battery.voltage_v - battery.voltage_at(0))
     )
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_pattern_covers_a_field(capsys, tmp_path):
+    words = ["cover", MEADOW, "--min-radius", "30", "--swath", "30", "--pattern", "rows"]
+    assert main([*words, "--format", "json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["pattern"] == "rows"
+    assert found["coverage"] > 0.999
+    assert main([*words, "--home", "55.37,10.43", "--sorties", "2", "-o", str(tmp_path / "job")]) == 2
+    assert "--pattern:1:1: error: covers a field in one flight" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("installed")

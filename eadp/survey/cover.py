@@ -16,7 +16,7 @@ from eadp.api.vehicle import read_profile
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.errors import Fault, Infeasible, InputError, printable, refuse
+from eadp.errors import Fault, Infeasible, InputError, one_of, printable, refuse
 from eadp.io.flight import setting_text
 from eadp.io.scenario import read_scenario
 from eadp.io.text.options import check_range
@@ -41,7 +41,7 @@ from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import Profile
 from eadp.models.vehicle import Airframe
 from eadp.survey.camera import MAX_ALTITUDE_M, Pictures, option_fault
-from eadp.survey.coverage import CoverageRequest, CoverageSolution, check_access
+from eadp.survey.coverage import PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
 from eadp.survey.coverage import cover as cover_field
 from eadp.survey.features import NAME_LIMIT
 from eadp.survey.field_reader import read_airspace, read_field, read_field_text
@@ -260,9 +260,9 @@ class CoverageTask:
         options = self.options
         ends = point_of("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        pattern: str = options.pattern
+        pattern, lands = options.pattern, self.landing is not None
         if self.terrain is not None:
-            pattern = self.terrain.pattern(pattern, lands=self.landing is not None)
+            pattern = self.terrain.pattern(pattern, lands=lands)
         return CoverageRequest(
             self.field,
             self.motion,
@@ -572,6 +572,8 @@ def coverage_task(
     if options.altitude_m is not None:
         check_range("--altitude", options.altitude_m, 0, MAX_ALTITUDE_M)
     check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
+    if not has_pattern(options.pattern):
+        raise option_fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
     text = read_field_text(field)
     ground, repairs = read_field(text, metres=options.metres, feature=options.feature)
     ground, notes = _limited(ground, options)

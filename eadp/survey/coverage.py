@@ -28,12 +28,13 @@ from eadp.core.geometry.geodesy import compass_deg, point_text
 from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
 from eadp.errors import Infeasible
 from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Field
+from eadp.plug_ins import plug_in
 from eadp.survey.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
 from eadp.survey.line_order import best_order, quick_order
 from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle
 from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts
 
-ZAMBONI, DUBINS, AUTO = "zamboni", "dubins", "auto"
+ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
 
 MAX_TIME_RATIO = 1.02
 """`auto` takes the Zamboni-like motion if its time is at most this many times the best order's."""
@@ -78,6 +79,10 @@ BEFORE_SHARES = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 
 TIE_DIGITS = 6
 """Times that agree to so many decimals are equal [s]."""
+
+Pattern = Callable[["CoverageRequest", float], Sequence[CoverageLeg]]
+"""A pattern of another package: the lines of a request at a heading [rad], in order; turns are added. It raises
+`Infeasible` where it does not fit."""
 
 
 @dataclass(frozen=True)
@@ -246,6 +251,8 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
         return _best_in_order(request, headings, draft)
+    if request.pattern not in PATTERNS:
+        return _best_of_pattern(request, plug_in("coverage_patterns", request.pattern), headings)
     parted = bool(request.field.others)
     if parted and request.pattern == ZAMBONI:
         raise Infeasible("the Zamboni-like motion covers one part of a field; --pattern dubins covers several")
@@ -276,6 +283,32 @@ def _laps_or_lines(
     # access takes much the same time in both patterns
     laps_s, lines_s = zamboni.time_s - zamboni.access_s, order.time_s - order.access_s
     return zamboni if laps_s <= MAX_TIME_RATIO * lines_s else order
+
+
+def has_pattern(name: str) -> bool:
+    """Whether eadp or an installed package has a pattern of a name. Raises EadpError if it cannot be imported."""
+    return name in PATTERNS or plug_in("coverage_patterns", name) is not None
+
+
+def _best_of_pattern(request: CoverageRequest, pattern: Pattern, headings: Sequence[float]) -> CoverageSolution:
+    """The quickest path of another package's pattern at some headings; Infeasible, of the last one, where none fits."""
+    found, failure = list[CoverageSolution](), Infeasible(f"pattern {request.pattern} has no lines")
+    for heading in headings:
+        try:
+            legs = [replace(leg, sensing=True) for leg in pattern(request, heading)]
+            if request.space is not None and not all(
+                request.space.has_hull(polyline_m([leg.led(request.motion).piece])) for leg in legs
+            ):
+                raise Infeasible(f"lines of pattern {request.pattern} leave the boundary or cross an obstacle")
+            if legs:
+                found.append(
+                    connected(request, request.pattern, heading, [leg.with_leads(request.motion) for leg in legs])
+                )
+        except Infeasible as error:
+            failure = error
+    if not found:
+        raise failure
+    return min(found, key=lambda solution: solution.time_s)
 
 
 def _tried_headings(request: CoverageRequest) -> list[float]:

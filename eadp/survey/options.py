@@ -16,6 +16,7 @@ from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m
 from eadp.models.plan.pieces import course_rad
 from eadp.models.vehicle import Airframe
 from eadp.survey.camera import CameraOptions, option_fault
+from eadp.survey.coverage import AUTO, PATTERNS
 from eadp.survey.heights import TerrainOptions
 from eadp.survey.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 
@@ -53,7 +54,7 @@ class PathOptions:
     heading_deg: float | None = None
     """Heading of the lines [°], a compass bearing; the quickest by default."""
 
-    pattern: Literal["zamboni", "dubins", "auto"] = "auto"
+    pattern: Annotated[str, Flag(metavar=f"[{'|'.join(PATTERNS)}]")] = AUTO
     """Zamboni-like laps, lines in an order with Dubins turns, or the shorter."""
 
     turns_off: bool = False

@@ -30,7 +30,7 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.planning.forecast.held import Preflight
 from eadp.survey.camera import Pictures, pictures_document, rounded_text
-from eadp.survey.coverage import CoverageSolution
+from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
 from eadp.survey.features import counted
 from eadp.survey.heights import HeightProfile
 from eadp.survey.swaths import CoveragePath, MotionLimits
@@ -413,7 +413,8 @@ class CoveragePlan:
         field, blocks = self.field, len(self.solution.blocks)
         parts = len(field.parts)
         holes = sum(map(len, field.parts)) - parts
-        pattern = f"Zamboni-like, {counted(blocks, 'block')}" if blocks else "lines in an order, Dubins turns"
+        own = {DUBINS: "lines in an order, Dubins turns", ZAMBONI: f"Zamboni-like, {counted(blocks, 'block')}"}
+        pattern = own.get(self.solution.pattern, self.solution.pattern)
         lines = [
             f"field      {f'{field.name}, ' if field.name else ''}{field.area_m2 / 1e4:.2f} ha"
             + (f" at {place_text(field.origin_deg)}" if field.origin_deg else "")

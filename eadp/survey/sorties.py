@@ -30,6 +30,7 @@ from eadp.survey.cover import CoverageTask, held_at
 from eadp.survey.coverage import (
     AUTO,
     DUBINS,
+    PATTERNS,
     ZAMBONI,
     CoverageRequest,
     CoverageSolution,
@@ -121,6 +122,9 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
+        if request.pattern not in PATTERNS:
+            expected = f"one of {', '.join(PATTERNS)}"
+            raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
         if self.lines is not None:
             request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
         if request.heading_rad is None or request.pattern == AUTO:

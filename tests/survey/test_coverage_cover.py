@@ -23,7 +23,7 @@ from eadp.models.airspace import Field
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import default_start
 from eadp.simulation.loop import Outcome, fly
-from eadp.survey.coverage import AUTO, DUBINS, ZAMBONI, CoverageRequest, cover
+from eadp.survey.coverage import DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
 from eadp.survey.plan_builder import FieldComputations, build_plan
 from eadp.survey.report import covered_by_lines
 from eadp.survey.swaths import MotionLimits
@@ -56,7 +56,7 @@ def whole(legs):
 
 
 @pytest.mark.quick(3)
-@pytest.mark.parametrize(("name", "pattern"), few_rows(product(FIELDS, (ZAMBONI, DUBINS, AUTO)), 5))
+@pytest.mark.parametrize(("name", "pattern"), few_rows(product(FIELDS, PATTERNS), 5))
 def test_every_shape_is_covered(name, pattern):
     field = FIELDS[name]
     try:

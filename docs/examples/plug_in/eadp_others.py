@@ -1,4 +1,4 @@
-"""What another package adds beside a planner: an airframe, cells, formats, a file of results, a command."""
+"""What another package adds beside a planner: an airframe, cells, a pattern, formats, a file of results, a command."""
 
 import math
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from eadp.exchange.reader import MissionFormat
 from eadp.extend import FixedWing, InputError
 from eadp.measure.formats import LogFormat
 from eadp.measure.power_log import PowerLog
+from eadp.survey.coverage import LineGrid
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,13 @@ class Glider(FixedWing):
 def sodium(soc):
     """Open-circuit voltage of a cell [V] at a state of charge: it falls all the way, and faster at its end."""
     return 2.6 + 1.3 * soc - 0.9 * (1 - soc) ** 6
+
+
+def rows(request, heading_rad):
+    """Lines from one side of the field to the other, each in the direction opposite to the last."""
+    swath_m = request.motion.swath_m
+    grid = LineGrid.over(request.field, heading_rad, swath_m, request.order_spacing_m or swath_m)
+    return [leg.backward() if i % 2 else leg for i, leg in enumerate(grid.whole_lines(request.field)[::2])]
 
 
 def read_bars(source, columns):
