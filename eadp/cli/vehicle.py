@@ -71,7 +71,7 @@ def command(
         lines += [*_sheet(vehicle), *_lines(found, computing)]
         milliohm = 1000 * pack.resistance_ohm
         lines.append(f"battery        {pack.voltage_v:.4g} V, {pack.capacity_ah:.4g} Ah, {milliohm:.3g} mΩ")
-        emit("\n".join([*lines, "", *_table(found)]))
+        emit("\n".join([*lines, "", *_table(found), *_speeds(found)]))
     return 1 if found.faults else 0
 
 
@@ -134,6 +134,18 @@ def _table(found: Performance) -> list[str]:
         flown = {"as it flies": each.held, "longest": each.endurance, "farthest": each.range}
         rows += [_row(each.wind_mps, name, one) for name, one in flown.items() if one is not None]
     return aligned(rows)
+
+
+def _speeds(found: Performance) -> list[str]:
+    """Energy a kilometre by airspeed and wind, for the airspeeds that may be decided."""
+    if not any(each.speeds for each in found.winds):
+        return []
+    head = ["out and back [Wh/km]", *(f"{one.airspeed_mps:g} m/s" for one in found.winds[0].speeds)]
+    rows = [head]
+    for each in found.winds:
+        energies = (f"{one.wh_per_km:.2f}" if math.isfinite(one.wh_per_km) else "-" for one in each.speeds)
+        rows.append([f"in {each.wind_mps:g} m/s", *energies])
+    return ["", *aligned(rows)]
 
 
 def _row(wind_mps: float, name: str, one: SpeedRange) -> list[str]:

@@ -95,18 +95,26 @@ class SpeedRange:
     with_m: float
     out_and_back_m: float
 
+    @property
+    def wh_per_km(self) -> float:
+        """Energy of a kilometre, half of it with the wind and half against it [Wh]; infinite in a wind too strong."""
+        spent_wh, flown_km = self.power_w * self.endurance_s / 3600, 2 * self.out_and_back_m / 1000
+        return spent_wh / flown_km if flown_km > 0 else math.inf
+
 
 @dataclass(frozen=True)
 class WindPerformance:
     """An aircraft in a wind [m/s]: at the airspeed held, at that of longest time, at that of longest way against it.
 
-    `range` is None where the wind is at or above every airspeed.
+    `range` is None where the wind is at or above every airspeed. `speeds` are those that may be decided, a metre a
+    second apart, the greatest first; empty without a range of the aircraft.
     """
 
     wind_mps: float
     held: SpeedRange
     endurance: SpeedRange
     range: SpeedRange | None
+    speeds: tuple[SpeedRange, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,11 +208,14 @@ def performance(
         return power_w(airspeed_mps) / (airspeed_mps - wind_mps)
 
     slow, far = _argmin(power_w, *speeds), _argmin(partial(ground_cost, 0.0), *speeds)
+    between_mps = airframe.airspeed_range_mps
+    decided = [] if between_mps is None else [*np.arange(between_mps[1], between_mps[0], -1.0).tolist(), between_mps[0]]
     winds = []
     for wind in winds_mps:
         low = max(speeds[0], wind * (1 + 1e-9) + 1e-6)
         best = flown(_argmin(partial(ground_cost, wind), low, speeds[1]), wind) if low <= speeds[1] else None
-        winds.append(WindPerformance(wind, flown(airframe.airspeed_mps, wind), flown(slow, wind), best))
+        each = tuple(flown(speed, wind) for speed in decided)
+        winds.append(WindPerformance(wind, flown(airframe.airspeed_mps, wind), flown(slow, wind), best, each))
     faults, watts = airframe.faults(), power_w(airframe.airspeed_mps)
     if watts > float(battery.max_power_w(battery.voltage_v)):
         faults.append(f"level flight: {battery.undeliverable(watts, 1.0)}")

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +20,25 @@ def test_a_name_does_not_command_the_terminal(eadp, tmp_path):
         "--set", "time_limit_s=1",
     )  # fmt: skip
     assert not {"\x1b", "\x9b", "\u202e"} & {*simulated.out, *simulated.err}
+
+
+def test_a_range_of_airspeeds_has_energies_a_kilometre(eadp, tmp_path):
+    wing = tmp_path / "wing.yaml"
+    text = (Path("vehicles") / "foam-wing.yaml").read_text()
+    wing.write_text(text.replace("[10.5, 15]", "[11, 15]"))
+    answer = eadp("vehicle", wing, "--wind", "0,4,16")
+    head, calm, _, strong = answer.out.splitlines()[-4:]
+    assert re.findall(r"(\d+) m/s", head) == ["15", "14", "13", "12", "11"]
+    found = json.loads(eadp("vehicle", wing, "--wind", "0,4", "--format", "json").out)["winds"]
+    # P/v in calm air; with the wind and against it P/2 (1/(v + w) + 1/(v − w))
+    for cell, one in zip(calm.split()[-5:], found[0]["speeds"], strict=True):
+        assert float(cell) == pytest.approx(one["power_w"] / one["airspeed_mps"] / 3.6, abs=0.006)
+    slow = found[1]["speeds"][-1]
+    expected = slow["power_w"] / 7.2 * (1 / 15 + 1 / 7)
+    assert slow["power_w"] * slow["endurance_s"] / 3.6 / (2 * slow["out_and_back_m"]) == pytest.approx(expected)
+    assert strong.split()[-5:] == ["-"] * 5
+    wing.write_text(re.sub("  airspeed_range_mps: .*\n", "", text))
+    assert "out and back" not in eadp("vehicle", wing).out
 
 
 def test_json_and_picture(eadp, tmp_path):
