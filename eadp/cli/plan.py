@@ -301,7 +301,7 @@ def _table(plan: Plan) -> str:
                 what += f", from {low:.4g} to {high:.4g}"
         lines.append(f"{item.name:<10} {what}")
     for stage in plan.stages:
-        track = f"{stage.kind} rotation {stage.rotation_deg}, gain {number_text(stage.gain)}"
+        track = f"{stage.kind} {_direction(stage)}, gain {number_text(stage.gain)}"
         lines.append(f"stage {stage.index:<4} {track}: {stage.path.text} = 0")
         own = "" if stage.radius_m is None else f", within {number_text(stage.radius_m)} m"
         lines.append(f"           until ({stage.trigger[0].text}, {stage.trigger[1].text}){own}")
@@ -310,3 +310,14 @@ def _table(plan: Plan) -> str:
             sets = (f"{item.name} in [{number_text(box.lo)}, {number_text(box.hi)}]" for item, box in named)
             lines.append(f"           {', '.join(sets)}")
     return "\n".join(lines)
+
+
+def _direction(stage: Stage) -> str:
+    """Which way a stage is flown: round a circle, or by its rotation."""
+    from eadp.core.expressions.algebra import expanded
+
+    # below 0, the path function is positive inside the circle
+    square = expanded(stage.path.node).get(("x", "x")) if stage.kind == "circle" else None
+    if square is None:  # no circle, or one whose sign depends on parameters
+        return f"rotation {stage.rotation_deg}"
+    return "counter-clockwise" if stage.sense * square > 0 else "clockwise"

@@ -31,10 +31,14 @@ def test_the_survey_as_json(eadp):
     assert document["findings"] == []
 
 
-def test_a_circle_is_named_by_its_rotation_whatever_its_sign(eadp, tmp_path):
+@pytest.mark.parametrize(
+    ("function", "direction"),
+    [("x^2+y^2-2500", "counter-clockwise"), ("-x^2-y^2+2500", "clockwise"), ("c1*(x^2+y^2-2500)", "rotation 90")],
+)
+def test_a_circle_is_named_by_the_direction_in_which_it_is_flown(eadp, tmp_path, function, direction):
     path = tmp_path / "circle.plan"
-    path.write_text("%: start 50 0\n0.1; 90; -x^2-y^2+2500\n-50, 0\n[2, 10]\n")
-    assert "circle rotation 90, gain" in eadp("plan", path).out  # which is flown clockwise
+    path.write_text(f"%: start 50 0\n0.1; 90; {function}\n-50, 0\n[2, 10]\n")
+    assert f"circle {direction}, gain" in eadp("plan", path).out
 
 
 def test_a_trigger_with_a_radius_of_its_own(eadp, tmp_path):
