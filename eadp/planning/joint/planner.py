@@ -14,12 +14,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Lt
 
+from eadp.core.arrays import NotNegative, Share
 from eadp.core.geometry.curves import Point
 from eadp.models.battery import LETTER
 from eadp.models.plan.cursor import Vector
@@ -39,6 +41,7 @@ from eadp.planning.base import (
     HomeRecord,
     Observation,
     PlannerSettings,
+    TradeOff,
     next_multiple,
     with_limit,
 )
@@ -49,7 +52,6 @@ from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint.policy import EARLY_S, SETTLED_S, Places, Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
-from eadp.planning.joint.settings import JointSettings
 from eadp.planning.registry import Planner
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
@@ -69,6 +71,37 @@ SAME_VALUE = 1e-3
 
 FULL_SHARE = 1 - 1e-6
 """Share above which an increment of the knapsack counts as taken."""
+
+
+@dataclass(frozen=True)
+class JointSettings:
+    """Settings of planner `joint`."""
+
+    reserve_probability: Annotated[float, Ge(0.5), Lt(1)] = 0.95
+    """Probability with which the reserve is kept."""
+
+    min_gain: Share = 0.01
+    """Least gain of the quality U for which a path parameter is changed."""
+
+    objective: Literal["quality"] = "quality"
+    """What is maximised: the quality U, by the ground of the mission."""
+
+    trade_offs: tuple[TradeOff, ...] = ()
+    """Rows R c − r ≥ 0 that the computations keep to."""
+
+    loss_rate_per_h: NotNegative = 0.5
+    """Sudden losses of charge to expect before any is seen, of 2 to 12 % of the full charge each [1/h]."""
+
+    max_interval_s: NotNegative = 30.0
+    """Longest time between re-plannings [s]; the shortest is `planner.every_s`, which a flight with a home and
+    `eadp replan` keep to."""
+
+    airspeed: Literal["fixed", "when-short", "least-energy"] = "when-short"
+    """Whether the airspeed is decided, within the aircraft's `airspeed_range_mps`: `when-short` slows the flight for as
+    much quality as the battery allows, and no further; `least-energy` always takes the least energy for the ground."""
+
+    start_after_s: NotNegative = 0.0
+    """Time before which nothing is re-planned [s]."""
 
 
 class Candidate(NamedTuple):

@@ -21,9 +21,8 @@ from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
 from eadp.models.world import Mission
 from eadp.planning.base import SHORT, PlannerSettings
-from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, JointPlanner
+from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, JointPlanner, JointSettings
 from eadp.planning.joint.policy import SETTLED_S
-from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
 
 RESERVE = 0.05
