@@ -43,10 +43,11 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 class AutopilotLine(BaseModel):
     """What a line has of the autopilot: its kind, and parameters by their names."""
 
-    model_config = ConfigDict(strict=True, frozen=True, extra="allow")
+    model_config = ConfigDict(strict=True, frozen=True, extra="allow", use_attribute_docstrings=True)
     __pydantic_extra__: dict[str, Finite]
 
     kind: Literal["ardupilot", "px4"] | None = None
+    """the autopilot's software"""
 
 
 class TelemetryLine(BaseModel):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.geometry.polygons import covered_shares
+from eadp.core.geometry.polygons import covered_share
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
@@ -37,7 +37,7 @@ def solution_of(field, heading=math.pi / 2):
 
 def covered(field, legs):
     lines = [(leg.piece.start[:2], leg.piece.end[:2]) for leg in legs if leg.sensing]
-    return covered_shares(field.parts, [lines], MOTION.swath_m)[-1]
+    return covered_share(field.parts, lines, MOTION.swath_m)
 
 
 def flown(plan, draw):
@@ -154,7 +154,7 @@ def test_a_plan_flown_with_a_parameter_that_keeps_changing_is_whole(seed):
     lines.append((before, places[-1].trigger_m()))
     first = places[0].trigger_m()
     start = solution.path(0.0).legs[0].start[:2]
-    assert covered_shares([(field.outline,)], [[(start, first), *lines]], MOTION.swath_m)[-1] >= 0.9999
+    assert covered_share([(field.outline,)], [(start, first), *lines], MOTION.swath_m) >= 0.9999
 
 
 def test_a_rectangles_laps_move_by_the_letters_shift():

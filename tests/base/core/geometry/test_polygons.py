@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.geometry.polygons import BESIDE, covered_shares, flaw, signed_area_m2, simplified, strip_extents
+from eadp.core.geometry.polygons import BESIDE, covered_share, flaw, signed_area_m2, simplified, strip_extents
 
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
 
@@ -131,15 +131,15 @@ def test_parts_whose_rounded_corners_cross_are_one_ground():
     assert not shapely.Polygon(strips[1]).is_valid
     area_m2 = sum(shapely.Polygon(strip).area for strip in strips)
     lines = [((-261.7, -626.5), (547.7, 526.2))]
-    share = covered_shares([(strip,) for strip in strips], [lines], 1.0)[-1]
+    share = covered_share([(strip,) for strip in strips], lines, 1.0)
     assert share == pytest.approx(shapely.LineString(lines[0]).length / area_m2, rel=0.02)
 
 
 def test_the_share_that_lines_cover():
     field, hole = square(0, 0, 10), square(6, 6, 2)
     # strips 2 m wide: the whole length, then one that overlaps half of it, ends at 5 m
-    assert covered_shares([(field,)], [[((0, 3), (10, 3))]], 2.0)[-1] == pytest.approx(0.2)
-    assert covered_shares([(field,)], [[((0, 3), (10, 3)), ((0, 4), (5, 4))]], 2.0)[-1] == pytest.approx(0.25)
-    assert covered_shares([(field, hole)], [[((0, 7), (10, 7))]], 2.0)[-1] == pytest.approx(16 / 96)
-    assert covered_shares([(field,)], [[((-5, 5), (15, 5))]], 20.0)[-1] == 1.0
-    assert covered_shares([(field,)], [[((5, 5), (5, 5))]], 2.0)[-1] == 0.0
+    assert covered_share([(field,)], [((0, 3), (10, 3))], 2.0) == pytest.approx(0.2)
+    assert covered_share([(field,)], [((0, 3), (10, 3)), ((0, 4), (5, 4))], 2.0) == pytest.approx(0.25)
+    assert covered_share([(field, hole)], [((0, 7), (10, 7))], 2.0) == pytest.approx(16 / 96)
+    assert covered_share([(field,)], [((-5, 5), (15, 5))], 20.0) == 1.0
+    assert covered_share([(field,)], [((5, 5), (5, 5))], 2.0) == 0.0
