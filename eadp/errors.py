@@ -65,20 +65,25 @@ class Fault:
         return f"\n    {printable(window, 400)}\n    {' ' * len(before)}^"
 
 
+SEVERITIES = ("error", "warning", "note")
+"""From the gravest on."""
+
 FAULTS_SHOWN = 20
 FAULTS_READ = 10_000
 """Faults after which a reader of rows leaves the rest of a file unread."""
 
 
 def first_faults(faults: Iterable[Fault]) -> list[Fault]:
-    """The first `FAULTS_SHOWN` faults by line; the rest are counted in one more."""
+    """The first `FAULTS_SHOWN` faults by line; the rest, where they are several, are counted in one more."""
     ordered = sorted(faults, key=lambda fault: (fault.file, fault.line, fault.column))
     shown, hidden = ordered[:FAULTS_SHOWN], ordered[FAULTS_SHOWN:]
-    if hidden:
-        many = f"at least {len(hidden)}" if len(ordered) >= FAULTS_READ else f"{len(hidden)}"
-        count = f"{many} more {'faults' if hidden[0].severity == 'error' else 'warnings'} from here on"
-        shown.append(replace(hidden[0], message=count, expected="", source=""))
-    return shown
+    if len(hidden) <= 1:
+        return ordered
+    gravest, *lesser = (each for each in SEVERITIES if each in {fault.severity for fault in hidden})
+    kinds = "faults" if gravest == "error" else " and ".join(f"{each}s" for each in (gravest, *lesser))
+    many = f"at least {len(hidden)}" if len(ordered) >= FAULTS_READ else f"{len(hidden)}"
+    count = f"{many} more {kinds} from here on"
+    return [*shown, replace(hidden[0], message=count, expected="", source="", severity=gravest)]
 
 
 class InputError(EadpError):

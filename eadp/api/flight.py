@@ -319,15 +319,15 @@ def fly_flight(
     overrides: Sequence[str] = (),
 ) -> Flight:
     """Fly; `expected` is the forecast before take-off, for the summary, and `on_step` is called with each step."""
-    planned, outcome, steps = inputs.flight(), Outcome(), []
-    for step in fly(inputs.world, planned, outcome):
+    planned, flown, steps = inputs.flight(), Outcome(), []
+    for step in fly(inputs.world, planned, outcome=flown):
         steps.append(step)
         on_step(step)
-    summary = summarise(inputs.world, planned, outcome, inputs.scenario.planner, expected, inputs.never_past)
-    flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
+    summary = summarise(inputs.world, planned, flown, inputs.scenario.planner, expected, inputs.never_past)
+    flight = Flight(inputs, summary, steps, flown.records, overrides, flown.estimates)
     plan = inputs.mission.plan
     if steps and plan.site.field is not None:
-        summary["coverage"] = flown_coverage(plan, flown_of_plan(flight.lists, outcome.turned_back_s))
+        flight.summary["coverage"] = flown_coverage(plan, flown_of_plan(flight.lists, flown.turned_back_s))
     return flight
 
 

@@ -234,40 +234,36 @@ def _measured_flights(plan: Plan) -> list[tuple[Stage, list[_Measures]]]:
         free = [box.lo + share * (box.hi - box.lo) for box, share in zip(boxes, shares, strict=True)]
         return (*free, *fixed[rho:])
 
-    flights: list[tuple[Vector, Callable[[], Vector] | None]] = [((*p, *fixed[rho:]), None) for p in _points(boxes)]
+    flights: list[tuple[Vector, _Decide]] = [((*p, *fixed[rho:]), lambda here: here) for p in _points(boxes)]
     if not all(box.fixed for box in boxes):
-        flights += [(drawn(), drawn) for _ in range(CHANGING_FLIGHTS)]
-    for start, changed in flights:
+        flights += [(drawn(), lambda here: here.decide(drawn())) for _ in range(CHANGING_FLIGHTS)]
+    for start, decide in flights:
         # a flight that comes to no end is as long as flights may be: one is enough
-        if not _measure_flight(plan, start, changed, measured):
+        if not _measure_flight(plan, start, decide, measured):
             break
     return [(stage, measured[stage.index]) for stage in plan.stages]
 
 
-def _measure_flight(
-    plan: Plan,
-    parameters: Vector,
-    changed: Callable[[], Vector] | None,
-    measured: dict[int, list[_Measures]],
-) -> bool:
+_Decide = Callable[[PlanCursor], PlanCursor]
+"""Of a stage that begins, the same with the parameters that are decided on it."""
+
+
+def _measure_flight(plan: Plan, parameters: Vector, decide: _Decide, measured: dict[int, list[_Measures]]) -> bool:
     """Measure every stage of a flight through a plan of segments; return whether it reaches the end."""
-    before: Stage | None = None
+    stage, before = plan.stages[0], None
     join: Point | None = None
-    index = 1
     try:
-        cursor: PlanCursor | None = PlanCursor.start(plan, parameters)
-        while cursor is not None:
-            here, stage = cursor, cursor.stage
-            index = stage.index
-            cursor = (here if changed is None else here.decide(changed())).next()
+        here: PlanCursor | None = PlanCursor.start(plan, parameters)
+        while here is not None:
+            stage, following = here.stage, decide(here).next()
             path, trigger = here.path(), here.trigger_m()
             measures = _measure_stage(here.parameters, stage, path, trigger, before, join)
-            if cursor is not None and not measures.trouble:
-                _measure_joint(measures, stage, path, trigger, cursor.stage, trigger, cursor.path)
-            measured[index].append(measures)
-            before, join = stage, trigger
+            if following is not None and not measures.trouble:
+                _measure_joint(measures, stage, path, trigger, following.stage, join=trigger, path_after=following.path)
+            measured[stage.index].append(measures)
+            before, join, here = stage, trigger, following
     except PathUndefined as error:
-        measured[index].append(_Measures(parameters, trouble=str(error)))
+        measured[stage.index].append(_Measures(parameters, trouble=str(error)))
         return False
     return True
 
@@ -315,15 +311,15 @@ def _measure_joint(
     path: PathFunction,
     trigger: Point,
     after: Stage,
-    here: Point,
+    join: Point,
     path_after: Callable[[], PathFunction],
 ) -> None:
-    """How a stage leads to the next one, whose frame its trigger is `here` in."""
+    """How a stage leads to the next one, whose frame its trigger is `join` in."""
     measures.after = after
     try:
         following = path_after()
-        measures.next_m = math.dist(here, after.track(following, here).nearest(here))
-        measures.headings_deg = (_heading_deg(path, trigger, stage.sense), _heading_deg(following, here, after.sense))
+        measures.next_m = math.dist(join, after.track(following, join).nearest(join))
+        measures.headings_deg = (_heading_deg(path, trigger, stage.sense), _heading_deg(following, join, after.sense))
         turn = math.radians(measures.headings_deg[1] - measures.headings_deg[0])
         measures.turn_deg = abs(math.degrees(wrap_angle_rad(turn)))
     except PathUndefined as error:

@@ -224,9 +224,11 @@ def _without_heading(
     error = airspeed_mps - air - across / (2 * air)
     bent = across * across / (2 * air * air)  # the bend's variance, the same in every reading
     repeats = max(1.0, 2 * gust_time_s / step_s)
-    wind = _corrected(wind, hx, hy, error, gusts.variance * repeats + BEND * bent * repeats)
-    independent_s = gusts.variance / (gusts.variance + along + bent) * step_s
-    return wind, _gusts_after(gusts, error * error, along + bent, independent_s, step_s, gust_time_s)
+    noise = gusts.variance * repeats + BEND * bent * repeats
+    wind = _corrected(wind, hx, hy, error, noise)
+    squared, of_wind = error * error, along + bent
+    counted_s = gusts.variance / (gusts.variance + along + bent) * step_s
+    return wind, _gusts_after(gusts, squared, of_wind, counted_s, step_s, gust_time_s)
 
 
 def _corrected(wind: WindEstimate, hx: float, hy: float, error: float, noise: float) -> WindEstimate:

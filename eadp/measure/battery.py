@@ -347,7 +347,7 @@ def fit_capacity(
     voltage_v: ArrayLike,
     current_a: ArrayLike,
     cells: int,
-    cell_v: Sequence[float] = CURVES_V["lipo"],
+    curve_v: Sequence[float] = CURVES_V["lipo"],
     soc: float = 1.0,
     k_b_per_s: float = 1 / 3600,
 ) -> CapacityFit:
@@ -359,7 +359,7 @@ def fit_capacity(
         Times [s], increasing; voltage at the terminals [V]; current drawn [A].
     cells : int
         Cells in series.
-    cell_v : sequence of float
+    curve_v : sequence of float
         Open-circuit voltage of a cell [V] at even steps of the charge.
     soc : float
         State of charge at the start.
@@ -378,9 +378,12 @@ def fit_capacity(
     total = float(used_ah[-1])
     if total <= 0:
         raise Infeasible("the log uses no charge")
+    needed = f"{100 * MIN_DISCHARGE:.0f} %"
+    if soc <= MIN_DISCHARGE:
+        raise Infeasible(f"the log starts with {100 * soc:.0f} % of the charge: a capacity needs more than {needed}")
 
     def open_v(log_capacity: float) -> FloatArray:
-        return cells * np.asarray(interpolated(soc - used_ah / math.exp(log_capacity), cell_v))
+        return cells * np.asarray(interpolated(soc - used_ah / math.exp(log_capacity), curve_v))
 
     def cost(log_capacity: float) -> float:
         rest = volts - open_v(log_capacity)
@@ -388,20 +391,21 @@ def fit_capacity(
         left = rest + amps * max(0.0, -float(amps @ rest) / float(amps @ amps))
         return float(left @ left)
 
-    grid = math.log(total / soc) + np.linspace(0.0, math.log(1.2 / MIN_DISCHARGE), 200)
+    least = math.log(total / soc)
+    grid = least + np.linspace(0.0, math.log(1.2 / MIN_DISCHARGE), 200)
     best = int(np.argmin([cost(float(x)) for x in grid]))
     around = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
-    found = float(minimize_scalar(cost, bounds=around, method="bounded").x)
-    if found - grid[0] < BOUND:
+    log_found = float(minimize_scalar(cost, bounds=around, method="bounded").x)
+    capacity = math.exp(log_found)
+    if log_found - least < BOUND:
         raise Infeasible(f"the voltage falls as if {total:.3g} Ah, which the log uses, were more than the cells held")
-    if total / math.exp(found) < MIN_DISCHARGE:
-        raise Infeasible(f"the voltage falls too little: {100 * MIN_DISCHARGE:.0f} % of the charge must be used")
+    if total / capacity < MIN_DISCHARGE:
+        raise Infeasible(f"the voltage falls too little: {needed} of the charge must be used")
     step = 1e-3
-    slope = (open_v(found + step) - open_v(found - step)) / (2 * step)
-    noise = regressed(np.stack([slope, -amps], axis=1), volts - open_v(found), t).std(0)
-    curve = cells * CURVE_STD_V / max(float(np.sqrt(np.mean(slope**2))), 1e-9)
-    capacity = math.exp(found)
-    return CapacityFit(capacity, capacity * math.hypot(noise, curve), total)
+    volts_per_log = (open_v(log_found + step) - open_v(log_found - step)) / (2 * step)
+    log_std_of_noise = regressed(np.stack([volts_per_log, -amps], axis=1), volts - open_v(log_found), t).std(0)
+    log_std_of_curve = cells * CURVE_STD_V / max(float(np.sqrt(np.mean(volts_per_log**2))), 1e-9)
+    return CapacityFit(capacity, capacity * math.hypot(log_std_of_noise, log_std_of_curve), total)
 
 
 def fit_battery(

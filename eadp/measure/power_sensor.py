@@ -4,6 +4,7 @@ Kinds, in the order of preference where no sensor is named:
 
 ina3221
     Rails of an INA3221 (hwmon): `in1_input` [mV] × `curr1_input` [mA]. The board's input, where a rail is labelled so.
+    The fourth current is the sum of the three.
 hwmon
     `power1_input` [µW], or `power1_average`, of any other chip.
 powercap
@@ -159,7 +160,7 @@ def _listing(found: Sequence[Sensor], root: str) -> str:
 def _of_chip(chip: Path) -> Iterable[Sensor]:
     name = _line(chip / "name") or chip.name
     if name == "ina3221":
-        for current in _entries(chip, "curr[0-9]*_input"):
+        for current in _entries(chip, "curr[1-3]_input"):
             channel = current.name.removeprefix("curr").removesuffix("_input")
             voltage = chip / f"in{channel}_input"
             if voltage.is_file():

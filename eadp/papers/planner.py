@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -356,10 +357,11 @@ class PaperPlanner(Planner):
         path = parameters[: self._rho]
         chosen = self._path_by_rule(o, path, coverage)
         if self.own.trade_offs and chosen != path:
-            ways = (
+            shorter = (
                 tuple(old + tenths / 10 * (new - old) for old, new in zip(path, chosen, strict=True))
-                for tenths in range(10, 0, -1)
+                for tenths in range(9, 0, -1)
             )
+            ways = itertools.chain([chosen], shorter)
             chosen = next((way for way in ways if len(self._horizon(o, way).choices)), path)
         return (*chosen, *parameters[self._rho :])
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import blowing_to_rad, place_text, to_local_m, velocity_mps
 from eadp.io.text.options import Flag, check_range
 from eadp.models.airspace import CLEARANCE_M, Field
@@ -80,7 +79,7 @@ class EndOptions:
     takeoff_deg: Annotated[float | None, Flag("--takeoff", metavar="HEADING")] = None
     """Heading of the take-off [°], straight ahead up to 50 m; with --landing by default into the wind."""
 
-    landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
+    landing: Annotated[str | tuple[float, float, float] | None, Flag(metavar="LAT,LON,HEADING")] = None
     """Where to land, instead of returning to home, and the heading of the final approach [°]; X,Y,HEADING [m] of a
     field in metres. Without --home it takes off there."""
 

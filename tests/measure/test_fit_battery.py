@@ -115,6 +115,17 @@ def test_a_capacity_at_the_end_of_the_search_is_no_result(eadp, flight):
     assert refused(answer, "Ah, which the log uses, were more than the cells held")
 
 
+def test_a_log_from_too_little_charge_is_not_asked_to_use_more(eadp, flight):
+    """Cells of 7 Ah from a quarter of the charge, of which 0.19 are used: 0.3 cannot be."""
+    lines = flight.read_text().splitlines()
+    t, _, amps = np.array([line.split(",")[:3] for line in lines[1:]], dtype=float).T
+    open_v = 4 * interpolated(0.25 - np.cumsum(amps) / 3600 / 7.0, CURVES_V["lipo"])
+    rows = zip(t.tolist(), (open_v - 0.08 * amps).tolist(), amps.tolist(), strict=True)
+    flight.write_text("time_s,voltage_v,current_a\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    answer = eadp("fit", flight, "--battery", "--cells", "4", "--soc", "0.25")
+    assert refused(answer, "the log starts with 25 % of the charge: a capacity needs more than 30 %")
+
+
 CAPACITY_AH = 2.0
 
 

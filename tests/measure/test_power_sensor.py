@@ -83,6 +83,14 @@ def test_the_whole_of_the_first_kind_is_chosen(tree: Tree, files: dict[str, obje
     assert choose_sensor(tree(files)).label == label
 
 
+def test_the_sum_of_an_ina3221_is_no_rail(tree: Tree) -> None:
+    """The kernel shows the sum of the currents as curr4, and as in4 the voltage of a shunt [µV]."""
+    rail = {"name": "ina3221", "in2_input": 5000, "curr2_input": 1200, "in4_input": 2416, "curr4_input": 1200}
+    root = tree({f"class/hwmon/hwmon3/{name}": value for name, value in rail.items()})
+    assert [sensor.label for sensor in find_sensors(root)] == ["ina3221:ina3221/channel2"]
+    assert Meter(choose_sensor(root), still).power_w() == pytest.approx(6.0)
+
+
 @pytest.mark.parametrize("wanted", ["powercap:core", f"{ZONE}:0:0", f"{ZONE}:0:0/energy_uj", f"{{root}}/{ZONE}:0:0"])
 def test_a_sensor_by_name_or_path(tree: Tree, wanted: str) -> None:
     root = tree({**RAPL, **JETSON})

@@ -143,8 +143,11 @@ def course_rad(option: str, bearing_deg: float) -> float:
     return heading_rad(bearing_deg)
 
 
-def landing_pose(given: str | Pose, point: Callable[[str], Point]) -> Pose:
-    """Where `--landing` lands, and on which course; `point` reads its place. Raises InputError."""
+def landing_pose(given: str | tuple[float, float, float], point: Callable[[str], Point]) -> Pose:
+    """Where `--landing`, a place and a bearing [°], lands, and on which course; `point` reads the place.
+
+    Raises InputError.
+    """
     raw = given if isinstance(given, str) else ",".join(map(str, given))
     *place, bearing = raw.replace(",", " ").split() or [""]
     try:

@@ -100,24 +100,24 @@ class LegTable:
     def rows(self) -> LegRows:
         """The arrays, with every row that is in the table now."""
         if len(self._rows.stages) < len(self.stages):
-            old, new = self._rows, self._from(len(self._rows.stages))
+            old, new = self._rows, self._rows_from(len(self._rows.stages))
             nodes = Nodes(*map(np.concatenate, zip(old.nodes, new.nodes, strict=True)))
-            first = np.concatenate([old.first, old.first[-1] + new.first])
+            first = np.concatenate([old.first, old.first[-1] + new.first[1:]])
             self._rows = LegRows._make([nodes, first, *map(np.concatenate, zip(old[2:], new[2:], strict=True))])
         return self._rows
 
-    def _from(self, number: int) -> LegRows:
-        """The rows from a number on; of each, `first` is where its nodes end among theirs."""
+    def _rows_from(self, number: int) -> LegRows:
+        """The arrays of the rows from a number on."""
         stages, nodes, parameters = self.stages[number:], self._nodes[number:], self.parameters[number:]
         return LegRows(
-            Nodes(*map(np.concatenate, zip(*nodes, strict=True))),
-            np.cumsum([len(own.weights_m) for own in nodes], dtype=np.intp),
-            np.array([stage.airspeed_mps or math.nan for stage in stages]),
-            np.array([own.weights_m.sum() for own in nodes]),
-            np.array([stage.index for stage in stages], dtype=np.intp),
-            np.array([self._shares(stage, own) for stage, own in zip(stages, parameters, strict=True)]),
-            np.array([np.abs(own.curvature_per_m).max() for own in nodes]),
-            np.array([[_course_rad(own, 0), _course_rad(own, -1)] for own in nodes]),
+            nodes=Nodes(*map(np.concatenate, zip(*nodes, strict=True))),
+            first=np.cumsum([0, *(len(own.weights_m) for own in nodes)], dtype=np.intp),
+            airspeeds_mps=np.array([stage.airspeed_mps or math.nan for stage in stages]),
+            lengths_m=np.array([own.weights_m.sum() for own in nodes]),
+            stages=np.array([stage.index for stage in stages], dtype=np.intp),
+            shares=np.array([self._shares(stage, own) for stage, own in zip(stages, parameters, strict=True)]),
+            bends_per_m=np.array([np.abs(own.curvature_per_m).max() for own in nodes]),
+            courses_rad=np.array([[_course_rad(own, 0), _course_rad(own, -1)] for own in nodes]),
         )
 
     def _shares(self, stage: Stage, parameters: Vector) -> list[float]:

@@ -77,16 +77,16 @@ NO_SUMS = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Fit(NamedTuple):
-    """Posterior of a, b and c; `aa`, `ab`, … their variances and covariances; the noise of windows, see `Prior`."""
+    """Posterior of a, b and c; the noise of windows, see `Prior`; `aa`, `ab`, … variances and covariances."""
 
     a: float
     b: float
     c: float
-    aa: float
-    ab: float
-    bb: float
     noise: float
+    aa: float
+    bb: float
     cc: float
+    ab: float
     ac: float
     bc: float
 
@@ -127,8 +127,8 @@ class Regression(NamedTuple):
 
 def started(prior: Prior) -> Regression:
     """The state before the first window."""
-    variances = 1 / prior.information_a, 0.0, 1 / prior.information_b, prior.noise, 1 / prior.information_c
-    fit = Fit(prior.a, prior.b, prior.c, *variances, 0.0, 0.0)
+    variances = 1 / prior.information_a, 1 / prior.information_b, 1 / prior.information_c
+    fit = Fit(prior.a, prior.b, prior.c, prior.noise, *variances, 0.0, 0.0, 0.0)
     return Regression(prior, NO_SUMS, fit, Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit), 0, 0.0, Scatter(0.0, 0.0, 0.0))
 
 
@@ -254,26 +254,31 @@ def _log_likelihood_ratio(error: float, step: float, variance: float, freedom: f
 def _fitted(sums: Sums, prior: Prior, before: Fit, lasting: float) -> Fit:
     """Posterior of a, b, c and the noise by the sums over windows; the noise of `before` starts the iteration.
 
-    `lasting` is the factor of the noise by which windows count as fewer.
+    The means are those that the last noise was computed with, the variances those that it leads to. `lasting` is the
+    factor of the noise by which windows count as fewer.
 
     Source: expectation maximisation, Dempster, Laird and Rubin 1977.
     """
-    fit = before
+    means, noise = before, before.noise
     for _ in range(PASSES):
-        fit = _posterior(sums, prior, fit.noise * lasting)
-        a, b, c = fit.a, fit.b, fit.c
-        # Σ t (y − a − b x − c z)²
-        of_products = sums.yy - 2 * (a * sums.y + b * sums.xy)
-        of_c = c * (c * sums.zz - 2 * sums.zy + 2 * a * sums.z + 2 * b * sums.xz)
-        squares = max(of_products + a * a * sums.n + 2 * a * b * sums.x + b * b * sums.xx + of_c, 0.0)
-        # Σ t (1, x, z) P (1, x, z)ᵀ
-        spread = sums.n * fit.aa + 2 * sums.x * fit.ab + sums.xx * fit.bb
-        spread += sums.zz * fit.cc + 2 * (sums.z * fit.ac + sums.xz * fit.bc)
-        # the mean of the prior's noise and the residuals', weighted by their windows
-        noise = (PRIOR_WINDOWS * prior.noise + squares + spread) / (PRIOR_WINDOWS + sums.windows)
-        fit = Fit(a, b, c, fit.aa, fit.ab, fit.bb, noise, fit.cc, fit.ac, fit.bc)
-    last = _posterior(sums, prior, fit.noise * lasting)
-    return Fit(fit.a, fit.b, fit.c, last.aa, last.ab, last.bb, fit.noise, last.cc, last.ac, last.bc)
+        means = _posterior(sums, prior, noise * lasting)
+        noise = _expected_noise(sums, prior, means)
+    spread = _posterior(sums, prior, noise * lasting)
+    return Fit(means.a, means.b, means.c, noise, spread.aa, spread.bb, spread.cc, spread.ab, spread.ac, spread.bc)
+
+
+def _expected_noise(sums: Sums, prior: Prior, fit: Fit) -> float:
+    """The noise expected under a posterior of a, b and c."""
+    a, b, c = fit.a, fit.b, fit.c
+    # Σ t (y − a − b x − c z)²
+    of_products = sums.yy - 2 * (a * sums.y + b * sums.xy)
+    of_c = c * (c * sums.zz - 2 * sums.zy + 2 * a * sums.z + 2 * b * sums.xz)
+    squares = max(of_products + a * a * sums.n + 2 * a * b * sums.x + b * b * sums.xx + of_c, 0.0)
+    # Σ t (1, x, z) P (1, x, z)ᵀ
+    spread = sums.n * fit.aa + 2 * sums.x * fit.ab + sums.xx * fit.bb
+    spread += sums.zz * fit.cc + 2 * (sums.z * fit.ac + sums.xz * fit.bc)
+    # the mean of the prior's noise and the residuals', weighted by their windows
+    return (PRIOR_WINDOWS * prior.noise + squares + spread) / (PRIOR_WINDOWS + sums.windows)
 
 
 def _posterior(sums: Sums, prior: Prior, noise: float) -> Fit:
@@ -298,4 +303,4 @@ def _posterior(sums: Sums, prior: Prior, noise: float) -> Fit:
     # c = const − by_a a − by_b b + its own error
     ac, bc = -(aa * by_a + ab * by_b), -(ab * by_a + bb * by_b)
     cc = 1 / info_cc - by_a * ac - by_b * bc
-    return Fit(a, b, c, aa, ab, bb, noise, cc, ac, bc)
+    return Fit(a, b, c, noise, aa, bb, cc, ab, ac, bc)

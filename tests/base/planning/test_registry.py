@@ -327,6 +327,15 @@ def test_a_path_that_no_computations_allow_is_not_taken():
     assert all(values[0] >= -300.0 for _, values in changes)
 
 
+def test_a_whole_step_under_trade_offs_ends_at_the_end_of_the_set():
+    """In floats -0.3 + (0.1 - -0.3) is more than 0.1, out of the set."""
+    plan, _ = read_plan(Text("p", "0.1; 90; x - 200*c1\n0, 400\n[-0.3, 0.1]\n[2, 10]\n"))
+    row = TradeOff({"c1": 1.0}, -1.0)
+    own = replace(OWN, longest_s=270.15, shortest_s=705.96, delta={"c1": 5}, trade_offs=(row,))
+    pilot = planner(own, plan=plan, parameters=(-0.3, 10.0))
+    assert steadily(pilot, 29, soc=0.4, parameters=(-0.3, 10.0), plan=plan).parameters[0] == 0.1
+
+
 def test_the_subroutine_lowers_from_the_maximum_until_the_time_suffices():
     own = replace(OWN, path_rule="subroutine", delta={"c1": 100})
     pilot = planner(own, parameters=(-1000.0, 10.0))
