@@ -28,7 +28,7 @@ import numpy as np
 from measured import options, recorded, table
 
 import eadp
-from eadp.core.geometry.polygons import covered_shares
+from eadp.core.geometry.polygons import covered_share
 from eadp.errors import EadpError, Infeasible
 from eadp.io.flight import flown_lines, flown_of_plan
 from eadp.survey.coverage import LineGrid, cover, line_costs
@@ -179,13 +179,13 @@ def interrupted(
     task = plan.planner.task
     again = [(leg.start[:2], leg.end[:2]) for each in rest.sorties for leg in each.path().legs if leg.sensing]
     parts, swath_m = task.field.parts, task.motion.swath_m
-    missed = 1 - covered_shares(parts, [lines, again], swath_m)[-1]
+    missed = 1 - covered_share(parts, [*lines, *again], swath_m)
     # a line's own ground reaches half way to its neighbours: what these overlap anyway is not twice
     assert plan.planner._request.heading_rad is not None
     grid = LineGrid.over(task.field, plan.planner._request.heading_rad, swath_m, swath_m)
     own_m = float(np.diff(grid.edges_m)[1:-1].min(initial=swath_m))
-    first, both = covered_shares(parts, [lines, again], own_m)[1:]
-    alone = covered_shares(parts, [again], own_m)[1]
+    first, both = (covered_share(parts, each, own_m) for each in (lines, [*lines, *again]))
+    alone = covered_share(parts, again, own_m)
     return {"missed": missed, "twice": first + alone - both}
 
 
