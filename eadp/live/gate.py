@@ -357,17 +357,20 @@ class AppliedParameters:
             if i in self.held:
                 if not self._same(i, value, self.held[i]):
                     del self.held[i], self._before[i]
-                continue
-            # it refuses a value while it is reported as before the decision, and neither as asked nor as expected
-            unchanged = i in self._before and self._same(i, value, self._before[i])
-            if not unchanged or self._same(i, value, self.asked[i]):
+            elif not self._is_as_before(i, value):
                 self._refused_s.pop(i, None)
-            elif not self._same(i, value, expected[i]):  # else it waits for its stage
-                self._refused_s.setdefault(i, time_s)
-            if time_s - self._refused_s.get(i, math.inf) >= APPLY_S:
-                self.held[i] = value
-                del self._refused_s[i]
+            # it waits for its stage while it is expected so; once it has not, what it reports becomes what is expected
+            elif i in self._refused_s or not self._same(i, value, expected[i]):
+                since_s = self._refused_s.setdefault(i, time_s)
+                if time_s - since_s >= APPLY_S:
+                    self.held[i] = value
+                    del self._refused_s[i]
         return held_before != self.held
+
+    def _is_as_before(self, i: int, value: float) -> bool:
+        """Whether a value reported is that from before another one was decided, and not the one asked for."""
+        decided = i in self._before and not self._same(i, value, self.asked[i])
+        return decided and self._same(i, value, self._before[i])
 
     def update_apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
         """Indices of reported parameters that differ from `expected`, but have done so for less than `APART_S`.
