@@ -474,7 +474,7 @@ def _obstacles(
 
 
 def _parts_of(corners: Line, of: Feature, outlines: _Outlines, notes: list[str], *, may_cross: bool) -> list[Part]:
-    """The parts of an outline. One that crosses itself is refused; or else taken, with a note, as the parts it has so."""
+    """The parts of an outline. One that crosses itself is refused; or taken, with a note, as the parts it has so."""
     from eadp.core.geometry.polygons import made_valid
 
     try:
