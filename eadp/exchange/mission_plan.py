@@ -400,14 +400,14 @@ class MissionPlan:
     def _commanded_mps(self, item: DraftItem, before: float | None) -> float | None:
         """The true airspeed after a change of speed [m/s], None for the aircraft's own; `before` is that before it."""
         of_ground, speed = item.parameters[0] == 1, item.parameters[1]
-        if of_ground:
-            message = f"{item.label}: a ground speed, taken as an airspeed"
-            self._find(item.locations[2], "ground-speed", message)
         if speed == d.DEFAULT_SPEED:
             return None
         if not speed > 0:
             return before
-        return speed if of_ground else round(speed / self._calibrated, 6)
+        if not of_ground:
+            return round(speed / self._calibrated, 6)
+        self._find(item.locations[2], "ground-speed", f"{item.label}: a ground speed, taken as an airspeed")
+        return speed
 
     @cached_property
     def _ground_m(self) -> dict[Point, float]:
@@ -519,8 +519,10 @@ class MissionPlan:
             raise self.source.error(self.draft.home_location, "no item moves the aircraft", "a waypoint")
         if len(path.pieces) > LIMIT_STAGES:
             jumps = [each for each in self.draft.items if each.command == d.JUMP]
-            longest = max(jumps, key=lambda each: abs(each.parameters[1]), default=None)
-            what = "" if longest is None else f", as {longest.label} jumps back {longest.parameters[1]:g} times"
+            endless = next((each for each in jumps if each.parameters[1] < 0), None)
+            longest = endless or max(jumps, key=lambda each: each.parameters[1], default=None)
+            often = "for ever" if endless or longest is None else f"{longest.parameters[1]:g} times"
+            what = "" if longest is None else f", as {longest.label} jumps back {often}"
             expected = f"at most {LIMIT_STAGES}: fewer repetitions, or --laps N of one that repeats for ever"
             where = (1, 1) if longest is None else longest.locations[3]
             raise self.source.error(where, f"{len(path.pieces)} legs and turns{what}", expected)

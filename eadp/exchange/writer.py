@@ -281,16 +281,16 @@ class _ItemBuilder:
 
     def _take_off(self, first: Section) -> None:
         """Add the take-off, and the start of a path that does not take off there itself."""
-        path, takeoff, level_m = self.path, first.stage.command(d.TAKEOFF), self._altitude_m
+        path, takeoff = self.path, first.stage.command(d.TAKEOFF)
+        on_path = bool(takeoff) and path.home_deg is None
         if takeoff or path.home_deg is not None:
             # the autopilot climbs straight ahead to this height, and on along the path
-            self._altitude_m = takeoff[-1] if takeoff and takeoff[-1] > 0 else min(level_m, CLIMB_OUT_M)
-            place = first.end_m if takeoff else first.start_m
+            height_m = takeoff[-1] if takeoff and takeoff[-1] > 0 else min(self._altitude_m, CLIMB_OUT_M)
             pitch_deg = path.climb_deg or (takeoff[1] if takeoff else 0.0)
-            self._add(d.TAKEOFF, (pitch_deg, 0.0, 0.0, 0.0), place if self._px4 else None)
-            self._altitude_m = level_m
+            towards = first.end_m if on_path else first.start_m
+            self._add(d.TAKEOFF, (pitch_deg, 0.0, 0.0, 0.0), towards if self._px4 else None, height_m)
         self._change_speed(first)
-        if not takeoff or path.home_deg is not None:
+        if not on_path:
             self._fly_to(first.start_m)
 
     def _gap_m(self, k: int) -> float:
@@ -405,11 +405,14 @@ class _ItemBuilder:
     def _fly_to(self, point: Point, acceptance_m: float = 0.0) -> None:
         self._add(d.WAYPOINT, (0.0, acceptance_m, 0.0, 0.0), point)
 
-    def _add(self, command: int, parameters: Sequence[float], point: Point | None) -> None:
+    def _add(
+        self, command: int, parameters: Sequence[float], point: Point | None, altitude_m: float | None = None
+    ) -> None:
         place = (0.0, 0.0) if point is None else self.path.geodetic_deg(point)
         first, last = self._legs
         legs = first if self._skipped is None else self._skipped, last
-        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m), legs))
+        above_home_m = self._altitude_m if altitude_m is None else altitude_m
+        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, above_home_m), legs))
         self._skipped = None
 
     def _change_speed(self, section: Section) -> None:

@@ -60,32 +60,37 @@ class OutlierGate:
         self._far_count = 0
         self._frozen = False
 
-    def accept(self, sample: Sample) -> tuple[Sample | None, Notice | None]:
-        """Judge a sample; return it on a clock without jumps, and a notice of what is wrong with it, if anything is.
+    def accept(self, sample: Sample) -> tuple[Sample | None, list[Notice]]:
+        """Judge a sample; return it on a clock without jumps, and notices of what is wrong with its time and position.
 
         Its position is None where that cannot be. None instead of the sample where its time cannot be, or is yet to be
         confirmed by the samples that follow.
         """
+        timed, of_time = self._take_time(sample)
+        if timed is None:
+            return None, [of_time] if of_time else []
+        usable, of_position = self._take_position(timed)
+        notices = [notice for notice in (of_time, of_position) if notice is not None]
+        return timed if usable else timed._replace(position_m=None), notices
+
+    # --- the clock
+
+    def _take_time(self, sample: Sample) -> tuple[Sample | None, Notice | None]:
+        """Take a sample, on a clock without jumps, as the last one; None where its time is not confirmed."""
         sample, notice = sample._replace(time_s=sample.time_s + self._clock_offset_s), None
         last = self._last
         if last is not None:
             step_s = sample.time_s - last.time_s
-            gap = step_s > GAP_S and step_s > GAP_STEPS * self._step_s
             # a step back, or far on, may be a clock that jumped: the samples that follow confirm it
             if (jump := self._jump(last, sample)) is not None:
                 if not self._confirm(sample, step_s):
                     return None, jump
                 sample, notice = self._reset_clock(last, sample, step_s)
-            elif gap:
+            elif step_s > GAP_S and step_s > GAP_STEPS * self._step_s:
                 notice = Notice("time_s", f"a gap of {step_s:.6g} s", "lines more often")
             self._step_s = sample.time_s - last.time_s
         self._last, self._off_clock, self._off_clock_count = sample, None, 0
-        wrong = self._take_position(sample)
-        if wrong is not None or self._frozen:
-            return sample._replace(position_m=None), wrong or notice
         return sample, notice
-
-    # --- the clock
 
     def _jump(self, last: Sample, sample: Sample) -> Notice | None:
         """A notice where the clock may have jumped, so that the time has to be confirmed; None where it has not."""
@@ -128,33 +133,33 @@ class OutlierGate:
 
     # --- the position
 
-    def _take_position(self, sample: Sample) -> Notice | None:
-        """Take a position as the reference of the next ones; return a notice if it cannot be, or is frozen from now on.
+    def _take_position(self, sample: Sample) -> tuple[bool, Notice | None]:
+        """Take a position as the reference of the next ones; return whether it is one to use, and a notice.
 
-        While `_frozen` is set, which this updates, positions are not used, and there is no other notice.
+        The notice is of a position that cannot be, or that is frozen from now on; there is none while it stays frozen.
         """
         position, time_s = sample.position_m, sample.time_s
         if position is None:
-            return None
+            return False, None
         if self._located is None:
             self._located = time_s, position
-            return None
+            return True, None
         since_s, (x, y) = self._located
         # the same as before, though the aircraft moves: frozen, once that has lasted
         if position == (x, y) and (self._frozen or self._moving(sample)):
             if time_s - since_s <= FROZEN_S or self._frozen:
-                return None
-            self._frozen = True
-            return Notice("x_m", f"the position has not changed for {time_s - since_s:.6g} s", "a position that moves")
+                return not self._frozen, None
+            self._frozen, what = True, f"the position has not changed for {time_s - since_s:.6g} s"
+            return False, Notice("x_m", what, "a position that moves")
         self._frozen = False
         # too far off, unless enough in a row agree that the aircraft is there
         outlier = self._outlier(self._located, (time_s, position))
         if outlier is not None and not self._confirm_position((time_s, position)):
-            return outlier
+            return False, outlier
         if time_s > since_s:
             self._velocity = (position[0] - x) / (time_s - since_s), (position[1] - y) / (time_s - since_s)
         self._located, self._far, self._far_count = (time_s, position), None, 0
-        return None
+        return True, None
 
     def _moving(self, sample: Sample) -> bool:
         """Whether the aircraft moves, by the velocity measured or else that of the positions."""
@@ -352,17 +357,20 @@ class AppliedParameters:
             if i in self.held:
                 if not self._same(i, value, self.held[i]):
                     del self.held[i], self._before[i]
-                continue
-            # it refuses a value while it is reported as before the decision, and neither as asked nor as expected
-            unchanged = i in self._before and self._same(i, value, self._before[i])
-            if not unchanged or self._same(i, value, self.asked[i]):
+            elif not self._is_as_before(i, value):
                 self._refused_s.pop(i, None)
-            elif not self._same(i, value, expected[i]):  # else it waits for its stage
-                self._refused_s.setdefault(i, time_s)
-            if time_s - self._refused_s.get(i, math.inf) >= APPLY_S:
-                self.held[i] = value
-                del self._refused_s[i]
+            # it waits for its stage while it is expected so; once it has not, what it reports becomes what is expected
+            elif i in self._refused_s or not self._same(i, value, expected[i]):
+                since_s = self._refused_s.setdefault(i, time_s)
+                if time_s - since_s >= APPLY_S:
+                    self.held[i] = value
+                    del self._refused_s[i]
         return held_before != self.held
+
+    def _is_as_before(self, i: int, value: float) -> bool:
+        """Whether a value reported is that from before another one was decided, and not the one asked for."""
+        decided = i in self._before and not self._same(i, value, self.asked[i])
+        return decided and self._same(i, value, self._before[i])
 
     def update_apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
         """Indices of reported parameters that differ from `expected`, but have done so for less than `APART_S`.

@@ -234,25 +234,25 @@ class RestLayout:
             If it cannot be laid out.
         """
         # stages count from 1; `started` is the one being flown; `mapped` is in order, so that the count is a prefix
-        kept = sum(each.first <= planned.started for each in mapped)
-        # new items follow the last stage that an item that stays leads along: `left` is without its leg, too
-        last_stage = max([planned.started, *(each.last for each in mapped[:kept])])
+        last_stage = max([planned.started, *(each.last for each in mapped if each.first <= planned.started)])
+        # an item may lead on along the next stage, all of whose items stay then: `left` is without its leg, too
+        kept = sum(each.first <= last_stage for each in mapped)
         left = planned.after(last_stage - planned.started + 1)
         if not any(leg.distance_m > 0 for leg in left.legs):
             return kept, []
-        site = self._plan.site
+        site, commanded_mps = self._plan.site, self._commanded_mps(held[:kept])
         assert site.origin_deg is not None
         path = PlannedPath(
             name="the rest",
             sections=planned_sections(left.legs),
             origin_deg=site.origin_deg,
-            altitude_m=(_altitudes_m(held[:kept]) or _altitudes_m(held)[::-1] or [held[0].altitude_m])[-1],
+            altitude_m=_altitude_from_m(held, kept),
             airspeed_mps=self._airspeed_mps,
             home_deg=site.origin_deg if held[-1].command == d.RETURN else None,
             trigger_distance_m=self._trigger_distance_m(held),
             airspace=site.airspace,
             stated_mps=self._airspeed_mps if self._airspeed_mps in self._commanded_mps(held) else None,
-            flown_mps=(self._commanded_mps(held[:kept]) or [None])[-1],
+            flown_mps=commanded_mps[-1] if commanded_mps else None,
             calibrated=self._calibrated,
         )
         return kept, mapped_items(mission_items(path, flying=True, px4=px4), left, self._plan.path_count)
@@ -284,6 +284,13 @@ class RestLayout:
 def _altitudes_m(items: Sequence[MissionItem]) -> list[float]:
     """Altitudes of the items with a position [m], without the take-off's."""
     return [item.altitude_m for item in items if item.placed and item.command != d.TAKEOFF]
+
+
+def _altitude_from_m(items: Sequence[MissionItem], index: int) -> float:
+    """Altitude at which an index is come to [m]: that before it, or else the first one, or else of the first item."""
+    if before_m := _altitudes_m(items[:index]):
+        return before_m[-1]
+    return next(iter(_altitudes_m(items[index:])), items[0].altitude_m)
 
 
 SETTLED_S = 5.0

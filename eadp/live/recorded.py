@@ -286,6 +286,7 @@ def _of_telemetry(source: str, origin_deg: Point | None, warn: Warn) -> PictureT
 
 
 def _of_log(source: str, form: str, origin_deg: Point | None) -> PictureTrack:
+    """The track of a log: its positions in the air, and the pictures taken there, each at the position before it."""
     if origin_deg is None:
         raise InputError.at(source, 1, 1, "has positions on the earth, and the field has none", "a field in degrees")
     rows: list[tuple[float, float, float]] = []
@@ -293,10 +294,12 @@ def _of_log(source: str, form: str, origin_deg: Point | None) -> PictureTrack:
     known: dict[str, Any] = {}  # the last value of each key
     for values in log_values(source, form):
         known |= {key: value for key, value in values.items() if value is not None}
+        if not known.get("in_air", known.get("armed", True)):
+            continue
         if PICTURE in values:
             pictures.append(max(len(rows) - 1, 0))
         lat_deg, lon_deg = values.get("lat_deg"), values.get("lon_deg")
-        if lat_deg is not None and lon_deg is not None and known.get("in_air", known.get("armed", True)):
+        if lat_deg is not None and lon_deg is not None:
             point = to_near_local_m(lat_deg, lon_deg, origin_deg)
             if point is not None:
                 rows.append((values["time_s"], *point))
@@ -304,4 +307,5 @@ def _of_log(source: str, form: str, origin_deg: Point | None) -> PictureTrack:
     if len(rows) < 2:
         raise InputError.at(source, 1, 1, "has no positions in the air", "a log of a flight")
     # on throughout where the log does not say; else off until it is switched on
-    return PictureTrack(rows, [CAMERA not in known if each is None else each for each in camera], pictures)
+    at_first = CAMERA not in known
+    return PictureTrack(rows, [at_first if on is None else on for on in camera], pictures)

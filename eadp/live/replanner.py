@@ -382,12 +382,12 @@ class Replanner:
         """Update the gate and the flight with a sample; return advice, at the sample's own time, and notices."""
         if sample.mode.autopilot is not None:
             self._flight.know(sample.mode.autopilot)
-        accepted, notice = self._gate.accept(sample)
+        accepted, of_sample = self._gate.accept(sample)
         advice, notices = self._flight.update(accepted) if accepted is not None else (None, ())
         if advice is not None:  # the gate may have moved the sample to another clock
             advice = advice._replace(time_s=sample.time_s)
         self.planned |= advice is not None and advice.reason not in UNDECIDED
-        return advice, notices if notice is None else (notice, *notices)
+        return advice, (*of_sample, *notices)
 
     def _decide(self, advice: Advice) -> None:
         """Emit advice as a line of decisions, and log it."""

@@ -361,17 +361,18 @@ class PlanTracker:
         """
         if not parameters or self.lost:
             return
-        expected, names = self.executor.parameters, self._mission.plan.names
+        by_rules, names = self.executor.parameters, self._mission.plan.names
         on_their_way = [i for i, name in enumerate(names) if math.isnan(parameters.get(name, 0.0))]
         released = [self.applied.release(i) for i in on_their_way]
         reported = self._clipped(parameters, self.executor.stage.sets)
-        values = [reported.get(i, value) for i, value in enumerate(expected)]
-        if not self.executor.cursor.table.live:
-            for i in self.applied.update_apart(time_s, reported, expected):
-                values[i] = expected[i]
+        apart = []
+        if not self.executor.cursor.table.live:  # else nothing waits for its stage
+            apart = self.applied.update_apart(time_s, reported, by_rules)
+        in_force = {i: value for i, value in reported.items() if i not in apart}
         try:
-            self.executor.take_in_force(values, position)
-            if self.applied.update(time_s, reported, expected) or any(released):
+            self.executor.take_in_force([in_force.get(i, value) for i, value in enumerate(by_rules)], position)
+            changed = self.applied.update(time_s, reported, by_rules)
+            if changed or any(released):
                 self._hold(position, hold)
         except EadpError as error:
             self._lose(error)

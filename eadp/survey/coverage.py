@@ -668,7 +668,8 @@ def _climbing_entry(request: CoverageRequest, start: Pose, turns: FreeTurns | No
         return entry
     x, y, heading = start
     metre_s = motion.time_s([straight((0.0, 0.0), (math.cos(heading), math.sin(heading)))])
-    best_s = way_s(entry) + max(lacks_s, motion.time_s([half_circle(start, 2 * motion.min_radius_m, 1)]))
+    circle_s = motion.time_s([half_circle(start, 2 * motion.min_radius_m, 1)])  # as long as a whole one of the radius
+    best, best_s = entry, way_s(entry) + max(lacks_s, circle_s)
     for share in BEFORE_SHARES:
         back_m = share * lacks_s / metre_s
         back = (x - back_m * math.cos(heading), y - back_m * math.sin(heading), heading)
@@ -677,8 +678,8 @@ def _climbing_entry(request: CoverageRequest, start: Pose, turns: FreeTurns | No
             with suppress(Infeasible):
                 longer = [*_entry(request, back, turns), before]
                 if request.climb_s <= way_s(longer) < best_s:
-                    entry, best_s = longer, way_s(longer)
-    return entry
+                    best, best_s = longer, way_s(longer)
+    return best
 
 
 def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:

@@ -451,7 +451,8 @@ def _obstacles(
         if (corners := frame.near(ring, of, source)) is None:
             counts["far"] += 1
             continue
-        parts = _parts_of(corners, of, outlines, frame, notes, inside=inside)
+        may_cross = not inside and not frame.is_near(corners, BROKEN_M)
+        parts = _parts_of(corners, of, outlines, notes, may_cross=may_cross)
         if not parts and not inside:
             _check_thin(ring, of, frame, source)
             counts["small"], counts["thin"] = counts["small"] - 1, counts["thin"] + 1
@@ -472,18 +473,16 @@ def _obstacles(
     return tuple(found)
 
 
-def _parts_of(
-    corners: Line, of: Feature, outlines: _Outlines, frame: _Frame, notes: list[str], *, inside: bool
-) -> list[Part]:
-    """`_Outlines.parts` of an obstacle or a boundary; an obstacle that is not near and crosses itself as its parts."""
+def _parts_of(corners: Line, of: Feature, outlines: _Outlines, notes: list[str], *, may_cross: bool) -> list[Part]:
+    """The parts of an outline. One that crosses itself is refused; or taken, with a note, as the parts it has so."""
     from eadp.core.geometry.polygons import made_valid
 
     try:
         return outlines.parts([corners], of)
     except InputError:
-        if inside or frame.is_near(corners, BROKEN_M):
+        if not may_cross:
             raise
-        notes.append(f"{_title(0, of)} crosses itself, far away: taken as the parts that it has so")
+        notes.append(f"{_title(ring=0, of=of)} crosses itself, far away: taken as the parts that it has so")
         return [list(part) for part in made_valid(_tidied(corners))]
 
 

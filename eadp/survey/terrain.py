@@ -180,7 +180,7 @@ def _read(file: str, wanted: tuple[float, float, float, float]) -> Tile | None:
                 raise InputError.at(file, 1, 1, f"{raster.count} bands", "one, of heights [m]")
             to_cells, system = ~raster.transform, raster.crs
 
-            def in_raster(latitudes: FloatArray, longitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
+            def rows_columns(latitudes: FloatArray, longitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
                 x, y = map(np.asarray, transform("EPSG:4326", system, longitudes, latitudes))
                 # a cell's centre is half a cell from its corner
                 return (
@@ -188,20 +188,18 @@ def _read(file: str, wanted: tuple[float, float, float, float]) -> Tile | None:
                     to_cells.a * x + to_cells.b * y + to_cells.c - 0.5,
                 )
 
-            sides = np.linspace(0, 1, 11)
-            latitudes, longitudes = np.meshgrid(
-                wanted[0] + sides * (wanted[2] - wanted[0]), wanted[1] + sides * (wanted[3] - wanted[1])
-            )
-            places = in_raster(latitudes.ravel(), longitudes.ravel())
-            first = [max(0, math.floor(each.min())) for each in places]
-            last = [min(size, math.ceil(each.max()) + 2) for each, size in zip(places, raster.shape, strict=True)]
-            rows, columns = last[0] - first[0], last[1] - first[1]
-            if min(rows, columns) <= 0:
+            sides, (south, west, north, east) = np.linspace(0, 1, 11), wanted
+            grid = np.meshgrid(south + sides * (north - south), west + sides * (east - west))
+            places = rows_columns(*(each.ravel() for each in grid))
+            row, column = (max(0, math.floor(each.min())) for each in places)
+            ends = [min(size, math.ceil(each.max()) + 2) for each, size in zip(places, raster.shape, strict=True)]
+            height, width = ends[0] - row, ends[1] - column
+            if min(height, width) <= 0:
                 return None
-            if rows * columns > MAX_CELLS:
-                message = f"{rows * columns / 1e6:.0f} million cells within {MARGIN_M / 1000:g} km of the field"
+            if height * width > MAX_CELLS:
+                message = f"{height * width / 1e6:.0f} million cells within {MARGIN_M / 1000:g} km of the field"
                 raise InputError.at(file, 1, 1, message, f"at most {MAX_CELLS / 1e6:.0f} million: a coarser terrain")
-            window = Window(first[1], first[0], columns, rows)
+            window = Window(column, row, width, height)
             values = raster.read(1, window=window, masked=True).astype(float).filled(np.nan)
             heights_m = values * raster.scales[0] + raster.offsets[0]
     except InputError:
@@ -210,8 +208,8 @@ def _read(file: str, wanted: tuple[float, float, float, float]) -> Tile | None:
         raise InputError.at(file, 1, 1, f"cannot be read: {printable(str(error), 200)}", _EXPECTED) from None
 
     def cells(latitudes: FloatArray, longitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        rows, columns = in_raster(latitudes, longitudes)
-        return rows - first[0], columns - first[1]
+        rows, columns = rows_columns(latitudes, longitudes)
+        return rows - row, columns - column
 
     return Tile(_checked(file, heights_m), cells)
 

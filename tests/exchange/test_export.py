@@ -322,6 +322,17 @@ def test_home_adds_take_off_and_return_and_stages_their_settings():
     assert back.stages[-1].trigger_at(()) == (0, 0)
 
 
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_px4_takes_off_along_the_path_or_towards_its_start_from_elsewhere(elsewhere):
+    plan, _ = read_plan(Text("p", f"%: command 22 10 0 0 0 0 0 30\n{LINES}"))
+    home = to_geodetic_deg(-400, 0, HOME) if elsewhere else None
+    items = mission_items(path_of(plan, home_deg=home), px4=True)
+    takeoff, *waypoints = [to_local_m(*item.parameters[4:6], HOME) for item in items if item.command in (22, 16)]
+    assert items[0].command == 22
+    assert takeoff == pytest.approx(waypoints[0], abs=0.01)
+    assert items[0].parameters[6] == 30
+
+
 def test_commands_and_speeds_are_written_back():
     body = (
         "QGC WPL 110\n0 1 0 16 0 0 0 0 47 8 400 1\n1 0 2 530 0 2 0 0 0 0 0 1\n2 0 3 16 0 0 0 0 47.003 8 60 1\n"

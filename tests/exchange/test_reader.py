@@ -369,8 +369,10 @@ def test_speeds_that_change_nothing_or_return_to_the_default():
     assert findings == []
     again, _ = read_plan(Text("p", plan_text(plan)))
     assert [stage.airspeed_mps for stage in again.stages] == [stage.airspeed_mps for stage in plan.stages]
-    plan, _ = read(wpl(waypoint(300, 0), item(178, 0, 0), waypoint(300, 300)))
-    assert {stage.airspeed_mps for stage in plan.stages} == {None}
+    for unchanged in ((0, 0), (1, 0), (1, -1), (1, -2)):
+        plan, findings = read(wpl(waypoint(300, 0), item(178, *unchanged), waypoint(300, 300)))
+        assert {stage.airspeed_mps for stage in plan.stages} == {None}
+        assert findings == [], "no ground speed is taken"
 
 
 def test_version_120_has_no_row_of_home():
@@ -392,6 +394,8 @@ def test_heights_that_are_doubtful_and_a_jump_too_often():
     assert [finding.code for finding in read(wpl(*flat))[1]] == ["no-altitude"]
     jump = [waypoint(300 * (i % 2), 300 * i) for i in range(20)]
     assert "as item 21 jumps back 400 times" in fault_of(wpl(*jump, item(177, 1, 400))).message
+    often = fault_of(wpl(*jump, item(177, 19, 2), item(177, 1, -1)), PlanReader(laps=400))
+    assert "as item 22 jumps back for ever" in often.message
 
 
 NO_HOME = HEAD.replace("47.0\t8.0", "0\t0")

@@ -13,8 +13,9 @@ def accepted(*pairs):
     gate, answers = OutlierGate(15.0), []
     for time_s, x in pairs:
         sample = Sample(time_s, (x, 0.0), None, 0.5)
-        usable, notice = gate.accept(sample)
-        answers.append((usable is not None and usable.position_m is not None, notice.message if notice else None))
+        usable, notices = gate.accept(sample)
+        said = "; ".join(notice.message for notice in notices)
+        answers.append((usable is not None and usable.position_m is not None, said or None))
     return answers
 
 
@@ -29,6 +30,13 @@ def test_late_lines_and_duplicates_are_not_used():
 def test_gaps_give_a_notice_and_a_slow_stream_has_none():
     assert [message for _, message in accepted((0, 0), (1, 15), (9, 100))] == [None, None, "a gap of 8 s"]
     assert [message for _, message in accepted((0, 0), (8, 100), (16, 200))] == [None, "a gap of 8 s", None]
+
+
+def test_a_gap_and_a_position_that_cannot_be_are_both_said():
+    assert accepted((0, 0), (1, 15), (9, 9000))[2] == (
+        False,
+        "a gap of 8 s; 8985 m from the last line's position, 8 s before",
+    )
 
 
 def test_outliers_are_not_used_unless_they_stay():

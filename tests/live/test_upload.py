@@ -457,6 +457,31 @@ def test_an_airspeed_that_ends_in_the_rest_is_commanded():
     assert [each.item.parameters[1] for each in rest if each.item.command == 178] == [-2]
 
 
+ROUND_SHORT_LINE = """\
+%: origin 55.37 10.43
+0.1; 90; x
+0, 300
+0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500
+50, 350
+0.1; 0; y - 350
+70, 350
+0.0005; 270; (x - 70)^2 + (y - 300)^2 - 2500
+120, 300
+"""
+
+
+@pytest.mark.parametrize("px4", [False, True])
+def test_a_turn_whose_first_corner_stays_does_so_to_the_return(px4):
+    """The line before it is short: it ends in that corner."""
+    plan, _ = read_plan(Text("short", ROUND_SHORT_LINE))
+    planned = nominal_route(plan, ()).planned()
+    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN, trigger_distance_m=20.0)
+    whole = mapped_items(mission_items(path, px4=px4), planned, 0)
+    assert (3, 4) in [(each.first, each.last) for each in whole]
+    kept, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned.after(2), px4=px4)
+    assert (kept, rest, whole[-1].item.command) == (len(whole), [], 20)
+
+
 @pytest.mark.parametrize("px4", [False, True])
 def test_the_rest_for_px4_has_no_loiters(px4):
     plan, _ = read_plan(Text("stadium", STADIUM.format(2, 40, 8, 30)))

@@ -54,12 +54,15 @@ def flown():
     return rows
 
 
-def px4(rows, *, pictures):
-    """Such a flight as a ULog."""
+def px4(rows, *, pictures, before=False):
+    """Such a flight as a ULog; with a picture before the take-off, too."""
     times = [round(1e6 * row[0]) for row in rows]
     places = [(t, *row[1:3]) for t, row in zip(times, rows, strict=True)]
     tables = {"vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 2, 0)])}
     tables["vehicle_global_position"] = ("Qdd", ("timestamp", "lat", "lon"), places)
+    if before:
+        tables["vehicle_land_detected"][2].insert(0, (times[0] - 4, 1))
+        tables["camera_capture"] = ("QB", ("timestamp", "result"), [(times[0] - 3, 0)])
     if pictures:
         taken = [(t + 1, 0) for t, row in zip(times, rows, strict=True) if row[4]]
         return ulog(tables | {"camera_capture": ("QB", ("timestamp", "result"), taken)})
@@ -106,6 +109,14 @@ def test_a_log_covers_what_was_photographed(planner, tmp_path, made, pictures):
     log.write_bytes(made(flown(), pictures=pictures))
     _, left = resumed(planner, [str(log)], lambda _: None)
     assert left.area_m2 == pytest.approx((LINES - lines) * SWATH_M * LENGTH_M, rel=0.01)
+
+
+def test_a_picture_on_the_ground_is_none_of_the_flight(planner, tmp_path):
+    """The camera's switch says what was photographed in the air."""
+    log = tmp_path / "flight"
+    log.write_bytes(px4(flown(), pictures=False, before=True))
+    _, left = resumed(planner, [str(log)], lambda _: None)
+    assert left.area_m2 == pytest.approx((LINES - 1) * SWATH_M * LENGTH_M, rel=0.01)
 
 
 def test_pictures_that_are_missing_leave_ground(planner, tmp_path):
