@@ -133,7 +133,8 @@ def _table(found: Performance) -> list[str]:
     for each in found.winds:
         flown = {"as it flies": each.held, "longest": each.endurance, "farthest": each.range}
         rows += [_row(each.wind_mps, name, one) for name, one in flown.items() if one is not None]
-    return aligned(rows)
+    too_windy = [each.wind_mps for each in found.winds if each.range is None]
+    return [*aligned(rows), *(f"cannot fly against a wind of {wind_mps:g} m/s" for wind_mps in too_windy)]
 
 
 def _speeds(found: Performance) -> list[str]:

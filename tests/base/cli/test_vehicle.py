@@ -41,6 +41,13 @@ def test_a_range_of_airspeeds_has_energies_a_kilometre(eadp, tmp_path):
     assert "out and back" not in eadp("vehicle", wing).out
 
 
+def test_a_wind_above_every_airspeed_is_said(eadp):
+    said = "cannot fly against a wind of {} m/s"
+    text = eadp("vehicle", WING, "--wind", "4,60").out
+    assert said.format(60) in text.splitlines()
+    assert said.format(4) not in text
+
+
 def test_json_and_picture(eadp, tmp_path):
     picture = tmp_path / "power.png"
     answer = eadp("vehicle", WING, "--wind", "4", "--computing", "10", "--format", "json", "-o", picture)
