@@ -22,7 +22,7 @@
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `batteries` | of `battery.chemistry` | a function: open-circuit voltage of a cell [V] of the state of charge, 0 to 1 |
-| `coverage_patterns` | of `--pattern` | a `coverage.cover.Pattern` |
+| `coverage_patterns` | of `--pattern` | a `survey.coverage.Pattern` |
 | `log_formats`, `mission_formats` | any | a `LogFormat`, a `MissionFormat`; the first that recognises a file reads it |
 | `mission_writers` | of `--to` | the function from a `PlannedPath` to a text |
 """
