@@ -66,8 +66,8 @@ def bind(
 def _compiled(source: str) -> Callable[[Sequence[float]], PathFunction]:
     namespace: dict[str, Any] = {
         name: getattr(math, name)
-        for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "pow", "copysign")
-    }
+        for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "pow", "copysign")
+    } | {"atan2": tree.atan2}
     exec(compile(source, "<path function>", "exec"), namespace)
     return namespace["make"]  # type: ignore[no-any-return]
 

@@ -278,11 +278,14 @@ def constant(value: float) -> Expression:
 # --- values -----------------------------------------------------------------------------------------------------------
 
 
+def atan2(y: float, x: float) -> float:
+    """The angle of a vector [rad]; a zero has no sign, as in the proofs, where floats have one."""
+    return math.atan2(y + 0.0, x + 0.0)
+
+
 _OPERATIONS: dict[str, Callable[..., float]] = {
-    **{
-        name: getattr(math, name)
-        for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")
-    },
+    **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log")},
+    "atan2": atan2,
     "abs": abs,
     "min": min,
     "max": max,

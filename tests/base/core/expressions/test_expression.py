@@ -474,6 +474,8 @@ def test_a_product_less_its_expansion_is_zero(a, b, c, d, e, f, rest):
     assert is_zero(tree) == (rest == 0)
 
 
+@example("atan2(0, -0)")
+@example("atan2(0*-1, -2)")
 @given(texts)
 def test_simpler_has_the_same_value(text):
     try:
