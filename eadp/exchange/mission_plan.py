@@ -35,6 +35,8 @@ SETTLING_S = 8.0
 """Time that an aircraft takes to hold an altitude once its climb ends [s]."""
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
+FAR_HOME_M = 20_000.0
+"""Distance of the first waypoint from home beyond which home may be another place [m]."""
 SAME_POINT_DEG = 1e-9
 
 _POSITIONED = frozenset((
@@ -487,6 +489,7 @@ class MissionPlan:
         last = visits[-1].item
         if last.command in (d.LAND, d.RETURN):
             stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
+        self._doubt_home(visits[0])
         self._doubt_altitudes(visits)
         shortest_m = min(piece.length_m for _, piece in path.pieces)
         return Plan(
@@ -562,6 +565,13 @@ class MissionPlan:
                 )
             )
         return stages
+
+    def _doubt_home(self, first: _Visit) -> None:
+        """Find a home that may be another place."""
+        far_m = math.hypot(*first.target.centre_m)
+        if far_m > FAR_HOME_M:
+            message = f"home is {far_m / 1000:.0f} km from {first.item.label}: it may be that of another place"
+            self._find(self.draft.home_location, "far-home", message)
 
     def _doubt_altitudes(self, visits: Sequence[_Visit]) -> None:
         """Find waypoints that have no height."""

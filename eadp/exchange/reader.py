@@ -239,6 +239,8 @@ def _read_simple(item: _Value, draft: MissionDraft) -> None:
     if len(draft.items) >= ITEMS_LIMIT:
         raise item.error(f"more than {ITEMS_LIMIT} items", "as many or fewer")
     parameters = item.member("params").elements()
+    if len(parameters) == 4 and item.member("coordinate").value is not None:  # of earlier versions of QGroundControl
+        parameters += item.member("coordinate").elements()
     if len(parameters) != 7:
         raise item.member("params").error(f"{len(parameters)} parameters", "7")
     values = tuple(math.nan if each.value is None else float(each.is_(float).value) for each in parameters)

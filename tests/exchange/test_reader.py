@@ -382,6 +382,13 @@ def test_version_120_has_no_row_of_home():
     assert plan.stages[-1].item == "item 2"
 
 
+def test_four_parameters_and_a_coordinate():
+    body = qgc(*GOOD)
+    for each in body["mission"]["items"]:
+        each["params"], each["coordinate"] = each["params"][:4], each["params"][4:]
+    assert ends(read(body)[0]) == ends(read(qgc(*GOOD))[0])
+
+
 def test_a_longitude_beyond_180_counts_on():
     home = (0.0, 179.999)
     body = HEAD.replace("47.0\t8.0", f"{home[0]}\t{home[1]}")
