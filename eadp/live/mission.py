@@ -233,10 +233,12 @@ class RestLayout:
         PathUndefined
             If it cannot be laid out.
         """
-        # stages count from 1; `started` is the one being flown; `mapped` is in order, so that the count is a prefix
-        last_stage = max([planned.started, *(each.last for each in mapped if each.first <= planned.started)])
-        # an item may lead on along the next stage, all of whose items stay then: `left` is without its leg, too
-        kept = sum(each.first <= last_stage for each in mapped)
+        # stages count from 1; `started` is the one being flown
+        kept, last_stage = 0, planned.started
+        for each in mapped:  # one that stays may lead on along the next stage, all of whose items stay then
+            if each.first > last_stage:
+                break
+            kept, last_stage = kept + 1, max(last_stage, each.last)
         left = planned.after(last_stage - planned.started + 1)
         if not any(leg.distance_m > 0 for leg in left.legs):
             return kept, []

@@ -482,6 +482,20 @@ def test_a_turn_whose_first_corner_stays_does_so_to_the_return(px4):
     assert (kept, rest, whole[-1].item.command) == (len(whole), [], 20)
 
 
+def test_new_items_begin_after_all_stages_that_items_which_stay_lead_along():
+    """An item that stays leads on along a stage whose own last item leads on along another one."""
+    plan, _ = read_plan(Text("short", ROUND_SHORT_LINE + "0.1; 270; x - 120\n120, 200\n0.1; 270; x - 130\n130, 100\n"))
+    planned = nominal_route(plan, ()).planned()
+    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
+    whole = mapped_items(mission_items(path, px4=True), planned, 0)
+    longer = [each._replace(last=5) if each.first == 4 else each for each in whole]
+    assert {(each.first, each.last) for each in longer} >= {(3, 4), (4, 5)}
+    layout = RestLayout(plan, 15.0)
+    for started in (1, 2, 3, 4):
+        kept, rest = layout.after([each.item for each in longer], longer, planned.after(started - 1), px4=True)
+        assert rest[0].first > max([0, *(each.last for each in longer[:kept])])
+
+
 @pytest.mark.parametrize("px4", [False, True])
 def test_the_rest_for_px4_has_no_loiters(px4):
     plan, _ = read_plan(Text("stadium", STADIUM.format(2, 40, 8, 30)))
