@@ -15,7 +15,7 @@ from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece
-from eadp.core.geometry.geodesy import FARTHEST_M, apart_m, to_local_m, to_near_local_m
+from eadp.core.geometry.geodesy import FARTHEST_M, apart_m, to_near_local_m
 from eadp.core.guidance import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.exchange import items as d
@@ -585,11 +585,22 @@ class MissionPlan:
         return self.draft.home[0], self.draft.home[1]
 
     def _airspace(self) -> Airspace:
-        """The fences: obstacles and boundary."""
-        rings = [
-            (inclusion, tuple(to_local_m(*corner, self._origin_deg) for corner in corners))
-            for inclusion, corners, _ in self.draft.fences
-        ]
+        """The fences: obstacles and boundary. Raises InputError of one that is far away, or crosses itself."""
+        rings = [(fence.inclusion, self._ring(fence)) for fence in self.draft.fences]
         outside = [ring for inclusion, ring in rings if not inclusion]
         obstacles = tuple(Obstacle(ring, f"fence {i}") for i, ring in enumerate(outside, 1))
         return Airspace(obstacles, tuple(ring for inclusion, ring in rings if inclusion))
+
+    def _ring(self, fence: d.Fence) -> tuple[Point, ...]:
+        """The corners of a fence [m]."""
+        from eadp.core.geometry.polygons import flaw
+
+        placed = [to_near_local_m(*corner, self._origin_deg) for corner in fence.corners_deg]
+        ring = tuple(point for point in placed if point is not None)
+        if len(ring) < len(placed):
+            expected = f"latitude before longitude, at most {FARTHEST_M / 1000:g} km from home"
+            raise self.source.error(fence.location, "a fence far from home", expected)
+        if defect := flaw(ring, ()):
+            message = f"a fence that {defect.message} at ({{:.1f}}, {{:.1f}}) m from home".format(*defect.point_m)
+            raise self.source.error(fence.location, message, "corners in the order round it")
+        return ring

@@ -47,6 +47,7 @@ from eadp.plug_ins import plug_ins
 
 ARDUPILOT, PX4 = 3, 12
 FENCE_VERSION = RALLY_VERSION = 2
+GEO_FENCE, FENCE_KEYS = "geoFence", ("polygons", "circles", "breachReturn", "version")
 FIXED_WING, VTOL = 1, frozenset((19, 20, 21, 22, 23, 24, 25))
 """MAVLink's types of aircraft that fly on wings."""
 VERSIONS = {
@@ -60,7 +61,10 @@ LANDINGS = {"fwLandingPattern": LAND, "vtolLandingPattern": VTOL_LAND}
 ABOVE_HOME, CALCULATED, ABOVE_TERRAIN = 1, 3, 4
 """QGroundControl's AltitudeMode; of heights above ground: with the altitude of the ground added, or not."""
 _TRANSECTS = "TransectStyleComplexItem"
-_KINDS = {str: "a string", float: "a number", JsonObject: "an object", JsonList: "a list", tuple: "a list of numbers"}
+_KINDS = {
+    str: "a string", float: "a number", bool: "true or false", JsonObject: "an object", JsonList: "a list",
+    tuple: "a list of numbers",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -170,13 +174,22 @@ def _root(source: Text) -> _Value:
 
 
 def _fences_of(root: _Value) -> list[Fence]:
-    fences = root.member("geoFence")
+    """The fences of a plan; a key that may be meant for one is refused: a fence that is not read is flown through."""
+    alike = next((key for key in root.value if key != GEO_FENCE and key.lower() == GEO_FENCE.lower()), None)
+    if alike is not None:
+        raise root.member(alike).error("is not known", GEO_FENCE)
+    fences = root.member(GEO_FENCE)
+    if fences.value is None:
+        return []
     found: list[Fence] = []
-    for key, read in (("polygons", _polygon), ("circles", _circle)) if isinstance(fences.value, JsonObject) else ():
+    unknown = next((key for key in fences.is_(JsonObject).value if key not in FENCE_KEYS), None)
+    if unknown is not None:
+        raise fences.member(unknown).error("is not known", f"one of {', '.join(FENCE_KEYS)}")
+    for key, read in (("polygons", _polygon), ("circles", _circle)):
         members = fences.member(key)
         if members.value and fences.member("version").value != FENCE_VERSION:
             raise fences.member("version").error("fences of another version", f"version {FENCE_VERSION}")
-        found += [read(each.is_(JsonObject)) for each in (members.elements() if members.value else [])]
+        found += [read(each.is_(JsonObject)) for each in (members.elements() if members.value is not None else [])]
     return found
 
 
@@ -184,11 +197,11 @@ def _polygon(fence: _Value) -> Fence:
     corners = [_corner(each) for each in fence.member("polygon").elements()]
     if len(corners) < 3:
         raise fence.member("polygon").error(f"{len(corners)} corners", "3 or more")
-    return Fence(fence.member("inclusion").value is True, corners, fence.location)
+    return Fence(fence.member("inclusion").is_(bool).value, corners, fence.location)
 
 
 def _circle(fence: _Value) -> Fence:
-    circle, inclusion = fence.member("circle").is_(JsonObject), fence.member("inclusion").value is True
+    circle, inclusion = fence.member("circle").is_(JsonObject), fence.member("inclusion").is_(bool).value
     radius = circle.member("radius").is_(float)
     if fault := radius_fault(radius.value):
         raise radius.error(*fault)
@@ -353,7 +366,7 @@ def qgc_text(
     }
     plan = {
         "fileType": "Plan",
-        "geoFence": {"circles": [], "polygons": polygons, "version": FENCE_VERSION},
+        GEO_FENCE: {"circles": [], "polygons": polygons, "version": FENCE_VERSION},
         "groundStation": "QGroundControl",
         "mission": mission,
         "rallyPoints": {"points": [], "version": RALLY_VERSION},

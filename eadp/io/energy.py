@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
@@ -15,7 +16,9 @@ from eadp.models.energy import Coefficients, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
 
-_Watts = Annotated[float, Field(ge=-1e9, le=1e9)]
+ROUNDING = 1e-3
+"""By how much coefficients may differ from those of the other keys, over the largest: people round to three digits."""
+
 _Deviation = Annotated[float, Field(ge=0, le=1e9)]
 _Seconds = Annotated[float, Field(gt=0, le=1e9)]
 
@@ -24,7 +27,7 @@ _Seconds = Annotated[float, Field(gt=0, le=1e9)]
 class EnergyFile:
     """Energy model: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample.
 
-    `periodic`, `order` and `coefficients` repeat what the other keys give, which are those that count.
+    `periodic`, `order` and `coefficients` repeat what the other keys give, and may be left out.
     """
 
     __pydantic_config__ = STRICT
@@ -44,7 +47,7 @@ class EnergyFile:
     order: Annotated[int, Field(ge=0)] | None = None
     """Number of harmonics."""
 
-    mean_w: _Watts
+    mean_w: Annotated[float, Field(gt=0, le=1e9)]
     """Mean power [W]."""
 
     mean_std_w: _Deviation | None = None
@@ -104,7 +107,22 @@ def parse_energy(text: Text) -> EnergyModel:
         message = f"{len(content.amplitude_std_w)} standard deviations of amplitudes"
         expected = f"{model.order}, the number of harmonics, or none"
         raise InputError(document.fault(("amplitude_std_w",), message, expected))
+    for key in ("periodic", "order"):
+        stated, found = getattr(content, key), getattr(model, key)
+        if stated not in (None, found):
+            expected = f"{str(found).lower()}, by period_s and harmonics"
+            raise InputError(document.fault((key,), f"{key} is {str(stated).lower()}", expected))
+    if content.coefficients is not None and not _agree(content.coefficients, model.coefficients):
+        expected = "those of mean_w, period_s and harmonics, or none"
+        raise InputError(document.fault(("coefficients",), "the coefficients are not of the other keys", expected))
     return model
+
+
+def _agree(stated: Coefficients, found: Coefficients) -> bool:
+    """Whether coefficients are the same but for rounding."""
+    within = ROUNDING * max(map(abs, found.a), default=0.0)
+    pairs = ((stated.a, found.a), (stated.b, found.b))
+    return all(len(one) == len(other) and np.allclose(one, other, rtol=0, atol=within) for one, other in pairs)
 
 
 def energy_document(model: EnergyModel) -> dict[str, Any]:

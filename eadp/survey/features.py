@@ -204,9 +204,7 @@ class _GeoJson:
                 yield from self._features(item, start)
             return
         geometry, start = node, at
-        if kind == "Feature":
-            if (geometry := node.get("geometry")) is None:
-                return
+        if kind == "Feature" and (geometry := node.get("geometry")) is not None:
             start = self.source.location(node.offsets["geometry"])
         properties = _object(node.get("properties") if kind == "Feature" else None)
         texts = {key: str(value).strip() for key, value in properties.items() if type(value) in (str, int, float)}
@@ -214,7 +212,8 @@ class _GeoJson:
         names = [name for name in (*(texts.get(key, "") for key in NAME_KEYS), *own_id) if name]
         height_m = _height_m(properties.get("height"), lambda *wrong: self.source.error(at, *wrong))
         found = Feature(at, [*dict.fromkeys(names)], height_m=height_m)
-        self._add(found, geometry, start)
+        if geometry is not None:
+            self._add(found, geometry, start)
         yield found
 
     def _members(self, node: JsonObject, key: str, at: Location) -> list[tuple[Any, Location]]:

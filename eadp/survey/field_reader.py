@@ -179,6 +179,8 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     if len(parts) > 1 and (union := joined(parts, SMALLEST_M2)) is not None:
         parts = union
         notes.append("polygons that overlap joined: ground counts once")
+    if (corners := max(len(set(rings[0])) for each in chosen for rings in each.polygons)) < 3:
+        raise text.error(chosen[0].location, f"an outline of {corners} different vertices", "three or more")
     if sum(ground_m2(*part) for part in parts) < SMALLEST_M2:
         expected = _or(f"{SMALLEST_M2:g} m² or more", found.remedy)
         raise text.error(chosen[0].location, f"an area of less than {SMALLEST_M2:g} m²", expected)
@@ -285,7 +287,9 @@ def _placed(polygon: _Polygon, origin_deg: Point, text: Text, expected: str) -> 
     for ring in polygon.rings:
         placed = [to_near_local_m(latitude, longitude, origin_deg) for longitude, latitude in ring]
         if None in placed:
-            what = f"a vertex farther than {FARTHEST_M / 1000:g} km from the middle of the first outline"
+            longitude, latitude = ring[placed.index(None)]
+            what = f"the vertex at longitude {longitude:.10g}, latitude {latitude:.10g} is farther than "
+            what += f"{FARTHEST_M / 1000:g} km from the middle of the first outline"
             raise text.error(polygon.of.location, what, expected)
         rings.append([point for point in placed if point is not None])
     return _Polygon(rings, polygon.of)
@@ -436,12 +440,15 @@ def _obstacles(
     Raises
     ------
     InputError
-        Where nothing is near, or the units are not those of the field.
+        Where one has no place, nothing is near, or the units are not those of the field.
     """
     from eadp.core.geometry.polygons import clipped, near
 
     outlines, found = _Outlines(source, NO_AREA_M2, frame.origin_deg), list[Obstacle]()
-    rings = [(ring, each) for each in features for ring in each.outlines if ring]
+    rings = [(ring, each) for each in features for ring in each.outlines or [[]]]
+    if empty := [of for ring, of in rings if not ring]:
+        what = f"{printable(empty[0].name, 40) or 'a feature'} has no place"
+        raise source.error(empty[0].location, what, "a polygon, a line or a point of all that is to be kept out of")
     if rings and degrees != (frame.origin_deg is not None):
         units = ("metres", "degrees")
         message = f"is in {units[degrees]}, and what it lies beside is in {units[not degrees]}"

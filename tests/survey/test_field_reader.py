@@ -239,7 +239,7 @@ def test_an_unknown_system_asks_for_metres(crs, named_so):
         # Web Mercator is not in metres
         (polygon(BOX, crs=named("EPSG:3857")), {"metres": True}, "the reference system EPSG:3857 is not read"),
         (polygon([(x + 550_000, y) for x, y in BOX]), {}, "longitude 550000, latitude 0; expected longitude within"),
-        (polygon([*BOX, BOX[0]]), {}, "a vertex farther than 100 km from the middle of the first outline"),
+        (polygon([*BOX, BOX[0]]), {}, "latitude 0 is farther than 100 km from the middle of the first outline"),
         (polygon([(lat, lon) for lon, lat in around(BOX, (-33.9, 151.2))]), {}, "longitude before latitude"),
         (table(BOX, header="lon,lat"), {}, "or columns called x_m and y_m"),
         (in_metres(BOX), {"feature": "4"}, "no feature 4 with a polygon; expected a name or number of 1 without"),
@@ -279,7 +279,8 @@ def test_zones_with_swapped_coordinates_are_far():
     [
         ("lat,y\n0,0\n", "no columns of vertices; expected a header such as x_m,y_m or lon,lat"),
         ("x,y,lon,lat\n", "more columns of vertices than two; expected a header"),
-        ("x,y\n", "an area of less than 1 m²"),
+        ("x,y\n", "an outline of 0 different vertices"),
+        ("x,y\n0,0\n9,9\n0,0\n", "an outline of 2 different vertices; expected three or more"),
         ("# nothing\n\n", "no vertices; expected a header such as x_m,y_m or lon,lat, and a row for each"),
         (" \n\n", "is empty; expected a field as GeoJSON, KML or a CSV of vertices"),
     ],
@@ -360,7 +361,8 @@ APART = "expected a ring that neither crosses nor touches itself, holes within t
 @pytest.mark.parametrize(
     ("rings", "fault"),
     [
-        *(([ring], "an area of less than 1 m²; expected 1 m² or more") for ring in (BOX[:1], [*BOX[:2], BOX[0]])),
+        ([BOX[:1]], "an outline of 1 different vertices; expected three or more"),
+        ([[*BOX[:2], BOX[0]]], "an outline of 2 different vertices; expected three or more"),
         ([[(0, 0), (1.5, 0), (0, 1)]], "an area of less than 1 m²; expected 1 m² or more, or a file without units"),
         ([[(0, 0), (100, 80), (99, 0), (1, 70)]], f"the outline crosses itself at (46.70, 37.36) m; {APART}"),
         ([BOX, POND, [(20, 50), (41, 70), (40, 50), (20, 70)]], f"hole 2 crosses itself at (30.24, 59.76) m; {APART}"),
@@ -393,7 +395,7 @@ def test_a_crossing_is_told_in_degrees_too():
         # the far side of the earth, which the plane would fold onto the field
         (
             polygon(around(BOX), [(-169.57, -55.37), (-169.57, -55.3701), (-169.5701, -55.3701)]),
-            "a vertex farther than 100 km from the middle",
+            "the vertex at longitude -169.57, latitude -55.37 is farther than 100 km from the middle",
         ),
         (table([*BOX[:3], (1e300, -1e300)]), "a coordinate of 1e+300 m; expected at most 1e+08"),
         (polygon([(10, 84.9999), (10.01, 85.0001), (10, 85.0001)]), "a vertex at longitude 10.01, latitude 85.0001; "),
@@ -589,7 +591,7 @@ OUTLINE = "<Polygon><outerBoundaryIs>{}</outerBoundaryIs></Polygon>"
         ("<Polygon/>", "1:1: error: a Polygon without an outline; expected one outerBoundaryIs with a LinearRing of "),
         (OUTLINE.format(RING).replace("outer", "inner"), "1:1: error: a Polygon without an outline"),
         (OUTLINE.format(f"{RING}\n{RING}"), "1:1: error: a second outline; expected one outerBoundaryIs"),
-        (kml(placemark([])), "3:1: error: an area of less than 1 m²"),
+        (kml(placemark([])), "3:1: error: an outline of 0 different vertices"),
     ],
 )
 def test_faults_of_kml(body, fault):
@@ -723,3 +725,27 @@ def test_what_is_refused(tmp_path, monkeypatch):
         read_field_text(archive(path, doc_kml=" " * 5_000_000))
     with pytest.raises(InputError, match="cannot be read"):
         read_field_text(str(tmp_path / "nosuch.kmz"))
+
+
+def collection(*features):
+    return json.dumps({"type": "FeatureCollection", "features": features})
+
+
+POLE = {"type": "Feature", "properties": {"name": "pole"}, "geometry": {"type": "Point", "coordinates": [8.01, 47.01]}}
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        (collection(POLE, POLE | {"geometry": None}), "pole has no place; expected a polygon, a line or a point"),
+        (collection(POLE, {"type": "Feature", "properties": {}, "geomtry": {}}), "a feature has no place"),
+        (collection(POLE, {"type": "MultiPolygon", "coordinates": []}), "a feature has no place"),
+        (collection(POLE, {"type": "Polygon", "coordinates": [[]]}), "a feature has no place"),
+        (kml(placemark([(8, 47), (8.1, 47), (8, 47.1)]), placemark([])), "has no place"),
+        (kml("<Placemark><name>wood</name><Poligon/></Placemark>", placemark([(8, 47)])), "wood has no place"),
+    ],
+)
+def test_an_obstacle_that_cannot_be_placed_is_refused(body, fault):
+    with pytest.raises(InputError) as caught:
+        read_airspace(Text("o", body), None, (47.0, 8.0), (0.0, 0.0))
+    assert fault in str(caught.value)

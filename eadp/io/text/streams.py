@@ -96,7 +96,10 @@ def text_of(name: str, data: bytes) -> Text:
         # the decoder counts from after a byte order mark
         offset = error.start + (3 if data.startswith(codecs.BOM_UTF8) else 0)
         message = f"is not UTF-8 text: byte 0x{data[offset]:02x} at offset {offset}"
-        raise InputError.at(name, 1, 1, message, "UTF-8 text") from None
+        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        raise InputError.at(name, 1, 1, message, "UTF-8 text, not UTF-16" if wide else "UTF-8 text") from None
+    if "\0" in body:
+        raise InputError.at(name, 1, 1, "is no text: it has a byte of 0", "UTF-8 text")
     return Text(name, body.replace("\r\n", "\n").replace("\r", "\n"))
 
 

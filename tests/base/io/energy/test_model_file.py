@@ -16,8 +16,7 @@ HARMONICS = (Harmonic(2.1, 0.8), Harmonic(1e-9, -3.0))
 MODEL = EnergyModel(46.05, 36.4, HARMONICS, 0.5, 0.01, 0.93, 2303, 230.2, 0.03, (0.04, 0.05))
 MINIMAL = "schema: eadp.energy/1\nperiod_s: 46\nmean_w: 36.4\nharmonics: []\n"
 
-numbers = st.floats(-1e6, 1e6)
-spreads = st.floats(0, 1e6)
+spreads, powers = st.floats(0, 1e6), st.floats(1e-3, 1e6)
 harmonics = st.lists(st.builds(Harmonic, spreads, st.floats(-3.2, 3.2)), max_size=6).map(tuple)
 statistics = {
     "noise_std_w": spreads,
@@ -27,9 +26,9 @@ statistics = {
     "mean_std_w": st.none() | spreads,
 }
 periodic = st.builds(
-    EnergyModel, st.floats(1e-3, 1e6), numbers, harmonics, period_std_s=st.none() | spreads, **statistics
+    EnergyModel, st.floats(1e-3, 1e6), powers, harmonics, period_std_s=st.none() | spreads, **statistics
 )
-aperiodic = st.builds(EnergyModel, st.none(), numbers, **statistics)
+aperiodic = st.builds(EnergyModel, st.none(), powers, **statistics)
 
 
 def parse(body: str) -> EnergyModel:
@@ -92,6 +91,15 @@ def test_what_can_be_derived_may_be_left_out() -> None:
         ("period_s: 46", "period_s: null", "4:1: error: harmonics without a period; expected a period_s, or []"),
         ("amplitude_w: 1", "amplitude_w: -1", "4:14: error: harmonics.0.amplitude_w cannot be -1; expected greater"),
         ("}]", "}]\namplitude_std_w: [1, 2]", "5:1: error: 2 standard deviations of amplitudes; expected 1, the num"),
+        ("}]", "}]\norder: 2", "5:1: error: order is 2; expected 1, by period_s and harmonics"),
+        ("}]", "}]\nperiodic: false", "5:1: error: periodic is false; expected true, by period_s and harmonics"),
+        (
+            "}]",
+            "}]\ncoefficients: {a: [1674, 46], b: [0]}",
+            "5:1: error: the coefficients are not of the other keys; exp",
+        ),
+        ("}]", "}]\ncoefficients: {a: [1674.4], b: []}", "5:1: error: the coefficients are not of the other keys; exp"),
+        ("mean_w: 36.4", "mean_w: -36.4", "3:1: error: mean_w cannot be -36.4; expected greater than 0"),
         ("energy/1", "profile/1", "1:1: error: is a file of eadp.profile/1; expected schema: eadp.energy/1"),
     ],
 )

@@ -61,13 +61,16 @@ def test_a_name_that_no_file_can_have(path):
     ("data", "said"),
     [
         (b"ab\xff", "byte 0xff at offset 2"),
+        ("\ufefft;W".encode("utf-16-le"), "byte 0xff at offset 0"),  # as of a spreadsheet
         (b"\xe9t\xe9", "byte 0xe9 at offset 0"),
         (b"ok\n\xc3", "byte 0xc3 at offset 3"),
         (b"\xed\xa0\x80", "byte 0xed at offset 0"),  # half of a surrogate pair
     ],
 )
 def test_what_is_not_utf_8(tmp_path, data, said):
-    assert fault_of(read_text, written(tmp_path, data)).message == f"is not UTF-8 text: {said}"
+    fault = fault_of(read_text, written(tmp_path, data))
+    assert fault.message == f"is not UTF-8 text: {said}"
+    assert fault.expected == ("UTF-8 text, not UTF-16" if data.startswith(b"\xff\xfe") else "UTF-8 text")
 
 
 @unhurried
@@ -78,6 +81,9 @@ def test_any_bytes_are_read_or_refused(tmp_path, data):
         body = data.decode("utf-8")
     except UnicodeDecodeError:
         assert fault_of(read_text, path).message.startswith("is not UTF-8 text: byte 0x")
+        return
+    if "\0" in body:
+        assert fault_of(read_text, path).message == "is no text: it has a byte of 0"
         return
     # Python's own universal newlines, and its own idea of a BOM
     wanted = io.StringIO(body.removeprefix("\ufeff"), newline=None).read()
