@@ -565,7 +565,8 @@ def coverage_task(
         pack = Pack(battery, setting.keys.reserve_soc)
     wind_mps = setting.keys.wind.steady_mps
     if vehicle is not None or "vehicle" in setting.chosen:
-        faults = flown.airframe.flown_at(options.airspeed_mps or flown.airframe.airspeed_mps).faults()
+        airspeed_mps = options.airspeed_mps
+        faults = (flown.airframe if airspeed_mps is None else flown.airframe.flown_at(airspeed_mps)).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
     motion = options.motion(flown.airframe, wind_mps)

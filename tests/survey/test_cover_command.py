@@ -64,6 +64,19 @@ def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
     assert "<name>meadow</name>" in eadp("export", plan, "--to", "kml").out
 
 
+def test_an_aircraft_that_cannot_fly_so_is_refused(eadp, tmp_path):
+    wing = tmp_path / "wing.yaml"
+    wing.write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 14, airspeed_range_mps: [14, 11.5]}\n")
+    given = ("cover", "plans/meadow.geojson", "--swath", "40", "--vehicle", wing)
+    for more, fault in (
+        ((), f"{wing}:1:1: error: the airspeed of 14 m/s is not in"),
+        (("--airspeed", "3"), "--airspeed:1:1"),
+    ):
+        answer = eadp(*given, *more)
+        assert (answer.code, answer.out) == (2, "")
+        assert answer.err.startswith(fault)
+
+
 CAMERA = {"--altitude": 80, "--sensor-width-mm": 13.2, "--focal-length-mm": 8.8, "--side-overlap": 70}
 PICTURES = {"--sensor-height-mm": 8.8, "--forward-overlap": 80}
 
