@@ -79,8 +79,7 @@ class PowerTracker:
     def take(self, seen: Readings | Seen) -> None:
         """Take what the state of the flight takes: the stage and the lap are counted at once, the rest waits."""
         if isinstance(seen, Readings):
-            columns = (np.array(column, dtype=float).tolist() for column in (seen.times_s, seen.powers_w))
-            for time_s, power_w in zip(*columns, strict=True):
+            for time_s, power_w in zip(seen.times_s.tolist(), seen.powers_w.tolist(), strict=True):
                 self._waiting.append((time_s, partial(self._observe, time_s, power_w, self.computing_w)))
             return
         o, self.computing_w = seen.observation, seen.computing_w

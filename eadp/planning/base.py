@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 
 from annotated_types import Ge, Le, Len
 
-from eadp.core.arrays import Column, FloatArray, NotNegative, Reserve
+from eadp.core.arrays import FloatArray, NotNegative, Reserve
 from eadp.core.geometry.curves import Point
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import LIMITS
@@ -169,16 +169,16 @@ class Observation(NamedTuple):
 class Readings(NamedTuple):
     """A batch of one or more consecutive sensor readings: power, charge, ground velocity, heading, airspeed.
 
-    Quantities are as in `Sample`, NaN where they are not measured.
+    Quantities are as in `Sample`, each an array of shape (n,), NaN where they are not measured.
     """
 
-    times_s: Column
-    powers_w: Sequence[float | None] | FloatArray
-    charges: Column
-    vx_mps: Column
-    vy_mps: Column
-    headings_rad: Column
-    airspeeds_mps: Column
+    times_s: FloatArray
+    powers_w: FloatArray
+    charges: FloatArray
+    vx_mps: FloatArray
+    vy_mps: FloatArray
+    headings_rad: FloatArray
+    airspeeds_mps: FloatArray
 
 
 class Decision(NamedTuple):

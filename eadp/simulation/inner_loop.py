@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eadp.core import compiled
+from eadp.core.arrays import FloatArray
 from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.core.flight import level, replayed_soc
 from eadp.core.geometry.curves import Point
@@ -353,18 +354,17 @@ class InnerLoop:
         at = max(k - places, 0) % places * SNAPSHOT
         return Measured._make(map(float, self._records.late[at : at + SNAPSHOT]))
 
-    def take_readings(self, end: int) -> tuple[Any, Measured]:
+    def take_readings(self, end: int) -> tuple[FloatArray, Measured]:
         """Take the readings since the last call out of the loop: their steps, and columns of what was measured.
 
-        A reading of a step after `end` is dropped. Columns are arrays where the function is compiled, else lists.
+        A reading of a step after `end` is dropped.
         """
         count, flat = int(self._s[READINGS]), self._records.readings
         self._s[READINGS] = 0
         if count and flat[READING * (count - 1)] > end:
             count -= 1
-        flat = flat[: READING * count]
-        columns = flat.reshape(-1, READING).T.copy() if self._compiled else [flat[i::READING] for i in range(READING)]
-        return columns[0], Measured(*columns[1:])
+        steps, *measured = np.array(flat[: READING * count]).reshape(count, READING).T.copy()
+        return steps, Measured(*measured)
 
     @property
     def airspeed_commanded_mps(self) -> float:

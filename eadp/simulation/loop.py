@@ -37,7 +37,6 @@ from eadp.simulation.inner_loop import (
     SAGS,
     SOC,
     InnerLoop,
-    Measured,
 )
 from eadp.simulation.metrics import ParameterLog, SensorSuite
 
@@ -397,17 +396,13 @@ class _PlannerBridge:
         steps, columns = self._inner_loop.take_readings(k)
         if not len(steps):
             return
+        x_m, y_m, powers_w, charges, vx_mps, vy_mps, headings_rad = columns
         if not self._ideal:
-            if isinstance(steps, np.ndarray):  # to lists, in which a power may be None
-                steps, columns = steps.tolist(), Measured(*(column.tolist() for column in columns))
-            x, y, powers_w, charges, *_ = columns
-            for i, n in enumerate(map(int, steps)):
-                (x[i], y[i]), powers_w[i], charges[i] = self._suite.measured(n, x[i], y[i], powers_w[i], charges[i])
-        step_s = self._step_s
-        times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
-        airspeeds_mps = [math.nan] * len(times_s)  # not measured
-        # columns in the order of `Measured`, of which a planner gets no positions
-        self._flight.take(Readings(times_s, *columns[2:], airspeeds_mps))
+            for i, (step, *true) in enumerate(zip(steps, x_m, y_m, powers_w, charges, strict=True)):
+                _, power_w, charges[i] = self._suite.measured(int(step), *true)
+                powers_w[i] = math.nan if power_w is None else power_w
+        times_s, airspeeds_mps = steps * self._step_s, np.full(len(steps), math.nan)  # airspeeds are not measured
+        self._flight.take(Readings(times_s, powers_w, charges, vx_mps, vy_mps, headings_rad, airspeeds_mps))
 
 
 def step_at(time_s: float, step_s: float, max_step: int) -> int:
