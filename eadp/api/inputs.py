@@ -41,7 +41,7 @@ from eadp.planning.forecast.clearance import entering
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import PlannedFlight, make_flight, planner_class
 from eadp.plug_ins import code_identity
-from eadp.simulation.nominal import MOST, Overshoot, overshoot_findings, overshoots
+from eadp.simulation.nominal import Overshoot, overshoot_findings, overshoots
 
 HELD = "fixed"
 """Setting `airspeed` of a planner that does not decide it."""
@@ -231,7 +231,7 @@ def load_flight(
         autopilot=setting.keys.autopilot,
     )
     _check_names(flown, setting)
-    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshot, MOST)]
+    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshot)]
     _check_planner(setting, mission)
     world = _world(mission, setting, start, forecast_s)
     stated_m, home_m = setting.keys.home.altitude_m, world.way_home and world.way_home.altitude_m

@@ -123,17 +123,12 @@ def _read(
     terrain: Sequence[str] = (),
     changes: Mapping[str, File | None] | None = None,
 ) -> CheckedPlan:
-    """A plan or a mission, changed by files, and what was found: also what is flown where it turns too tightly."""
+    """A plan or a mission, changed by files, and what was found."""
     ground = plug_in("grounds", "files")(terrain) if terrain else None
     reader = PlanReader(laps=laps, ground=ground)
     if min_radius_m is not None:
         reader = replace(reader, turn_radius_m=min_radius_m)
     plan, findings = reader(text)
-    if is_mission(text):
-        from eadp.simulation.nominal import calm_findings, is_tight  # slow to import
-
-        if is_tight(plan, reader.turn_radius_m):
-            findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]
     notes: list[Fault] = []
     for name, file in (changes or {}).items():
         if file is not None:
