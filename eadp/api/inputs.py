@@ -116,8 +116,6 @@ class FlightInputs:
     scenario: Scenario
     warnings: tuple[Fault, ...]
     sources: Mapping[str, Text]
-    never_past: str = ""
-    """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
 
     @property
     def mission(self) -> Mission:
@@ -238,8 +236,7 @@ def load_flight(
     if stated_m is not None and home_m is not None and home_m > stated_m:
         message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
         warnings.append(replace(setting.fault("home.altitude_m", message, "a higher one"), severity="warning"))
-    never_past = next((one.stage.label for one in overshot if math.isinf(one.excess.seconds)), "")
-    inputs = FlightInputs(world, setting, tuple(warnings), sources, never_past)
+    inputs = FlightInputs(world, setting, tuple(warnings), sources)
     decides = getattr(setting.planner.own, "airspeed", HELD) != HELD
     return inputs if decides else inputs.at_one_airspeed()
 

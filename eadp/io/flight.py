@@ -64,7 +64,7 @@ Account = list[tuple[str, str]]
 
 def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Account:
     """A flight for people, as commands and pages print it; how it ended has no label."""
-    power, decisions, endurance = summary["power_w"], summary["decisions"], summary["endurance"]
+    power, decisions, endurance_s = summary["power_w"], summary["decisions"], summary["endurance_s"]
     done = "completed" if summary["completed"] else "NOT completed"
     km = f"{summary['distance_m'] / 1000:.2f} km"
     energy = f"{summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W"
@@ -80,8 +80,8 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Accou
     if summary["turned_back_m"] is not None:
         x, y = summary["turned_back_m"]
         rows.append(("home", f"decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m"))
-    if endurance is not None and (time_s := endurance["flown"]["time_s"]) is not None:
-        rows.append(("endurance", f"{time_s / 60:.1f} min on a full battery, as flown"))
+    if endurance_s is not None:
+        rows.append(("endurance", f"{endurance_s / 60:.1f} min on a full battery, as flown"))
     rows += [(values.get("title") or name, parameter_text(values)) for name, values in summary["parameters"].items()]
     if summary["quality"] is not None:
         ends = "0: widest lines, lowest rates; 1: densest lines, full rates, to the end"
@@ -132,8 +132,7 @@ def _expected(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Acc
     """What was to be expected before take-off, with what is counted."""
     expected = summary["energy_forecast"]
     if expected is None:
-        past = summary["never_past"]
-        return [("forecast", f"finishes: 0 % sure, never past {past}")] if past else []
+        return []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
     times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
     left = expected["soc_end"]

@@ -114,7 +114,7 @@ class _Flight:
         self._drops = _losses(world)
         self._loss_steps = list(self._drops)
         computing_w = world.mission.computing.power_w(executor.parameters, executor.stage.sets)
-        self._log = ParameterLog(world.mission.plan, executor.cursor, executor.joined_m, computing_w)
+        self._log = ParameterLog(world.mission.plan, executor.cursor, executor.joined_m)
         outcome.parameters = self._log
         self._inner_loop.start_stage(executor, computing_w)
         self._parameters = executor.parameters  # in force
@@ -256,11 +256,11 @@ class _Flight:
         computing_w = self._world.mission.computing.power_w(executor.parameters, executor.stage.sets)
         self._inner_loop.start_stage(executor, computing_w)
         if self._home_as is not None:  # the plan was given up, or is over
-            self._log.give_up(time_s, executor.parameters, executor.stage.sets, computing_w)
+            self._log.give_up(time_s, executor.parameters, executor.stage.sets)
             return
         started, self._stages_started = executor.stages_started != self._stages_started, executor.stages_started
         self._plan_stage = executor.stage.index
-        self._log.change(time_s, executor.cursor, executor.joined_m if started else None, computing_w)
+        self._log.change(time_s, executor.cursor, executor.joined_m if started else None)
 
     def _failure(self, events: int) -> str:
         """Reason of a flight's early end; a limit of the battery is noted in the outcome.
