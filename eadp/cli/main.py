@@ -99,11 +99,6 @@ def _shielded(command: Callable[..., int]) -> Callable[..., int]:
     return shielded
 
 
-def _unknown() -> int:
-    """In place of a command that is not run."""
-    return NO
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"eadp {__version__}")
@@ -136,7 +131,8 @@ def _app(names: tuple[str, ...], *, texts: bool = True) -> Any:
     )
     app.callback()(_options)
     for name in (*COMMANDS, *(name for name in names if name not in COMMANDS)):
-        command = grouped(plug_in("commands", name), texts=texts) if name in names else _unknown
+        # of a command that is not run only the name counts
+        command = grouped(plug_in("commands", name), texts=texts) if name in names else lambda: NO
         app.command(name, cls=_Sectioned, short_help=COMMANDS.get(name, ADDED))(_shielded(command))
     return typer.main.get_command(app)
 
@@ -202,12 +198,12 @@ def _follows_interrupt(error: BaseException | None) -> bool:
 
 def _exhausted(error: OSError | MemoryError) -> int:
     """Something that the machine does not have or do: space on the device of standard output, memory."""
-    what = f"not enough memory: {error}" if isinstance(error, MemoryError) else f"cannot be written: {error.strerror}"
-    if isinstance(error, OSError):
+    if isinstance(error, MemoryError):
+        what = f"not enough memory: {error}"
+    else:
         _drop_output()
-    name = getattr(error, "filename", None) or "standard output"
-    where = "" if isinstance(error, MemoryError) else f"{printable(str(name))} "
-    print(f"eadp: error: {where}{what}", file=sys.stderr)  # noqa: T201
+        what = f"{printable(str(error.filename or 'standard output'))} cannot be written: {error.strerror}"
+    sys.stderr.write(_plain(what))
     return BAD_INPUT
 
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument
 
-from eadp.cli.output import emit, emit_json, usage_fault, warn
-from eadp.io.text.options import Flag
+from eadp.cli.output import emit, emit_json, warn
+from eadp.io.text.options import Flag, check_range
 from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
@@ -92,9 +92,8 @@ def command(
     from eadp.io.plan.writer import parameters_of, plan_text
 
     trace, plot = options.trace_m, options.plot
-    if trace is not None and not 0 < trace < math.inf:
-        message = "a step that is not above 0, or not finite"
-        raise usage_fault("--trace", f"{trace:g}", message, "metres, as in --trace 1")
+    if trace is not None:
+        check_range("--trace", trace, 0, math.inf)
     changes: dict[str, Any] = {name: getattr(options, name) for name in CHANGES}
     read = check_plan(file, min_radius_m=options.min_radius_m, **changes, geometry=options.check)
     plan, parameters = read.plan, parameters_of(read.plan, options.set_)
