@@ -31,7 +31,6 @@ from eadp.planning.base import (
     KEPT,
     LOWERED,
     NOTHING_TO_CHOOSE,
-    SOC_JUMP,
     SOLVED,
     TIME,
     Decision,
@@ -56,6 +55,9 @@ LOOK_AHEAD_STEP_S = 1.0
 SAMPLES_PER_STEP = 10
 MAX_STEPS = 400
 """Maximum number of steps of a horizon; a longer period is planned for in part."""
+
+SOC_JUMP = 0.01
+"""Change of the state of charge between two readings that is a jump."""
 
 MAX_LOWERED = 1000
 """Maximum number of δ by which path parameters are lowered at once."""
@@ -188,7 +190,7 @@ class PaperPlanner(Planner):
             # α0 steps by Ω (c − c⁻): 002, Eq. 7
             self.power.shift_level(self._gained_w(path))
             self._flown_path = path
-        jumped = state.soc_before is not None and abs(o.soc - state.soc_before) > SOC_JUMP
+        jumped = self.power.soc_before is not None and abs(o.soc - self.power.soc_before) > SOC_JUMP
         if not self._laps_known() or o.time_s < self.own.start_after_s - 1e-9:
             return self._decision
         if jumped or o.time_s >= self._next_s - 1e-9:

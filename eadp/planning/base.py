@@ -23,7 +23,6 @@ from eadp.models.plan.stage import Box
 from eadp.models.world import Mission
 from eadp.plug_ins import plug_in
 
-SOC_JUMP = 0.01
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 

@@ -293,11 +293,6 @@ class FlightState:
         return self._queue.now
 
     @property
-    def soc_before(self) -> float | None:
-        """The gauge's reading before the last observation; None where that is the first."""
-        return self._queue.soc_before
-
-    @property
     def every_s(self) -> float:
         """Least time between readings [s]."""
         return self._queue.every_s
