@@ -5,7 +5,6 @@ from __future__ import annotations
 import bisect
 import itertools
 import math
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -23,7 +22,7 @@ from eadp.models.plan.pieces import piece_stages
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.world import Step, World
-from eadp.planning.base import Decision, DecisionRecord, Observation, Readings, Sample
+from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
 from eadp.planning.registry import PlannedFlight
 from eadp.simulation.aircraft import AIRSPEED, ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.inner_loop import (
@@ -60,7 +59,7 @@ class Outcome:
     duration_s: float = 0.0
     soc_final: float = 0.0
     battery_limit: str | None = None
-    """Limit of the battery that ended the flight, or else the one that bound in most re-plannings."""
+    """Limit of the battery that ended the flight."""
     energy_j: float = 0.0
     distance_m: float = 0.0
     power_min_w: float = math.inf
@@ -110,7 +109,7 @@ class _Flight:
             world.wind,
             np.random.default_rng(world.seed),
         )
-        self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
+        self._planned, self._bridge = flight, _PlannerBridge(world, flight, self._inner_loop, outcome)
         self._drops = _losses(world)
         self._loss_steps = list(self._drops)
         computing_w = world.mission.computing.power_w(executor.parameters, executor.stage.sets)
@@ -227,14 +226,12 @@ class _Flight:
         if changed:
             return self._k + 1
         if due:
-            return max(self._k + 1, step_at(self._bridge.next_update_s, self._world.clock.step_s, end))
+            return max(self._k + 1, step_at(self._planned.planner.next_update_s, self._world.clock.step_s, end))
         return self._next_update
 
     def _decide(self) -> bool:
-        """Put the planner's new decision in force, or turn home; return whether that changes what is flown."""
-        decision = self._bridge.new_decision()
-        if decision is None:
-            return False
+        """Put the planner's decision in force, or turn home; return whether that changes what is flown."""
+        decision = self._planned.decision
         if decision.returns_home:
             self._outcome.turned_back_s, self._outcome.turned_back_m = self._time_s, self._pose()[:2]
             self._fly_home(RETURNED)
@@ -271,12 +268,11 @@ class _Flight:
             If the first path cannot be evaluated where the flight starts.
         """
         variable, battery = self._inner_loop.variable, self._world.mission.battery
-        if events & SAGS:
-            soc = variable(SOC)
-            self._outcome.battery_limit = limit = battery.limit_at(battery.voltage_at(soc))
         if events & EMPTY:
             return BATTERY_EMPTY
         if events & SAGS:
+            soc = variable(SOC)
+            self._outcome.battery_limit = limit = battery.limit_at(battery.voltage_at(soc))
             what = BATTERY_EMPTY if limit == CUT_OFF else "the battery cannot deliver"
             return f"{what}: {battery.undeliverable(variable(POWER), soc)}"
         if self._k == 1:
@@ -302,9 +298,6 @@ class _Flight:
         )
         if outcome.entries and outcome.completed:
             outcome.reason = outcome.entries[0].reason
-        # the limit that bound in most decisions
-        bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
-        outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
 
 
 def _home_plan(world: World, cursor: PlanCursor, pose: Pose) -> Plan:
@@ -326,7 +319,7 @@ def _home_plan(world: World, cursor: PlanCursor, pose: Pose) -> Plan:
 
 
 class _PlannerBridge:
-    """Between the inner loop and the planned flight: measurements there, decisions back, and rows of the log.
+    """Between the inner loop and the planned flight: measurements there, and rows of the log.
 
     The rows have what the flight estimates.
     """
@@ -344,20 +337,6 @@ class _PlannerBridge:
         self._outcome = outcome
         self.logged_to = -1
         """The last step logged."""
-        self._decided = flight.decision  # the last decision given out
-
-    @property
-    def next_update_s(self) -> float:
-        """When the planner is due [s]."""
-        return self._flight.planner.next_update_s
-
-    def new_decision(self) -> Decision | None:
-        """The planner's decision, once; None where nothing was decided since."""
-        before, decision = self._decided, self._flight.decision
-        self._decided = decision
-        # the same objects: nothing was decided since
-        same = decision.parameters is before.parameters and decision.airspeeds_mps is before.airspeeds_mps
-        return None if same and not decision.returns_home else decision
 
     def update(self, k: int, executor: PlanExecutor) -> None:
         """Update the planner with an observation after step `k`; the readings before it are passed on first."""
