@@ -63,9 +63,6 @@ still large."""
 BETTER = 0.1
 """Standard deviations of the final charge by which a plan has to be less short to be another one."""
 
-GAUGE_DISBELIEVED = "; the gauge does not fall with the power: disbelieved, the charge is the integral of the power"
-"""Warning in the reason of a decision."""
-
 SAME_VALUE = 1e-3
 """A quality that is less by so much is as great: a faster pace is taken for it."""
 
@@ -472,8 +469,6 @@ class JointPlanner(Planner):
         reason = with_limit(self._reason(known, plan, chosen, searched=searched), limit)
         if solution.status == FALLBACK:
             reason += f"; {BY_FALLBACK}closed form: OSQP failed"
-        if not known.charge.believed:
-            reason += GAUGE_DISBELIEVED
         ending = plan.evaluation.forecast(solution.filling)
         returns_home, home = self._way_home(o.time_s, plan, ending)
         if returns_home:
