@@ -109,7 +109,7 @@ class _Flight:
             world.wind,
             np.random.default_rng(world.seed),
         )
-        self._planned, self._bridge = flight, _PlannerBridge(world, flight, self._inner_loop, outcome)
+        self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
         self._drops = _losses(world)
         self._loss_steps = list(self._drops)
         computing_w = world.mission.computing.power_w(executor.parameters, executor.stage.sets)
@@ -226,12 +226,12 @@ class _Flight:
         if changed:
             return self._k + 1
         if due:
-            return max(self._k + 1, step_at(self._planned.planner.next_update_s, self._world.clock.step_s, end))
+            return max(self._k + 1, step_at(self._bridge.flight.planner.next_update_s, self._world.clock.step_s, end))
         return self._next_update
 
     def _decide(self) -> bool:
         """Put the planner's decision in force, or turn home; return whether that changes what is flown."""
-        decision = self._planned.decision
+        decision = self._bridge.flight.decision
         if decision.returns_home:
             self._outcome.turned_back_s, self._outcome.turned_back_m = self._time_s, self._pose()[:2]
             self._fly_home(RETURNED)
@@ -325,7 +325,7 @@ class _PlannerBridge:
     """
 
     def __init__(self, world: World, flight: PlannedFlight, inner_loop: InnerLoop, outcome: Outcome) -> None:
-        self._step_s, self._flight = world.clock.step_s, flight
+        self._step_s, self.flight = world.clock.step_s, flight
         self._inner_loop = inner_loop
         self._ideal = world.sensors.ideal
         self._suite = SensorSuite(world.sensors, world.clock.step_s, np.random.default_rng([world.seed, 1]))
@@ -348,7 +348,7 @@ class _PlannerBridge:
             k * self._step_s, position_m, power_w, soc, velocity_mps=velocity_mps, heading_rad=true.heading_rad
         )
         observation = Observation(sample, soc, executor.cursor, executor.joined_m, executor.stages_started)
-        before, decision = self._flight.decision, self._flight.take(observation)
+        before, decision = self.flight.decision, self.flight.take(observation)
         if decision.record is not None and decision.record is not before.record:
             self._outcome.records.append(decision.record)
 
@@ -360,8 +360,8 @@ class _PlannerBridge:
         self.ingest(k)
         self.logged_to = int(rows[-1][0])
         times_s = [row[0] * self._step_s for row in rows]
-        assert self._flight.power is not None
-        forecasts_w, estimates = self._flight.power.estimates(times_s)
+        assert self.flight.power is not None
+        forecasts_w, estimates = self.flight.power.estimates(times_s)
         self._outcome.estimates += estimates
         return [
             Step(time_s, stage, x, y, altitude, heading, power_w, forecast_w, soc, flown, commanded, parameters)
@@ -381,7 +381,7 @@ class _PlannerBridge:
                 _, power_w, charges[i] = self._suite.measured(int(step), *true)
                 powers_w[i] = math.nan if power_w is None else power_w
         times_s, airspeeds_mps = steps * self._step_s, np.full(len(steps), math.nan)  # airspeeds are not measured
-        self._flight.take(Readings(times_s, powers_w, charges, vx_mps, vy_mps, headings_rad, airspeeds_mps))
+        self.flight.take(Readings(times_s, powers_w, charges, vx_mps, vy_mps, headings_rad, airspeeds_mps))
 
 
 def step_at(time_s: float, step_s: float, max_step: int) -> int:

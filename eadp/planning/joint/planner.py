@@ -387,14 +387,10 @@ class JointPlanner(Planner):
         found = kept
         if not (feasible and best.value <= threshold):
             found = self._plan(known, best.shares, pace_mps) or kept
-            if kept and found and not best.feasible and not self._less_short(kept, found.evaluation.shortfall):
-                found = kept
+            if kept and found and not best.feasible:
+                less_short = kept.evaluation.shortfall - BETTER * float(kept.evaluation.std[0])
+                found = found if found.evaluation.shortfall <= less_short else kept
         return found and found._replace(in_reach=search.in_reach)
-
-    def _less_short(self, kept: Candidate, shortfall: float) -> bool:
-        """Whether a shortfall of charge is less than the shortfall of the plan in force, by more than rounding."""
-        std = float(kept.evaluation.std[0])
-        return shortfall <= kept.evaluation.shortfall - BETTER * std
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
         """Whether to search the path: at first, when charge was lost, newly short, or of another value.
