@@ -253,7 +253,7 @@ class PaperPlanner(Planner):
 
     def _record(self, o: Observation, decided: Vector, status: str, reason: str) -> DecisionRecord:
         """A record without a run of the solver."""
-        return DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, status, 0, 0, None, reason)
+        return DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, status, 0, None, reason)
 
     def _found(
         self, o: Observation, decided: Vector, horizon: Horizon, forecast: HorizonForecast
@@ -274,9 +274,8 @@ class PaperPlanner(Planner):
             with suppress(Infeasible):
                 values, how = horizon.lowered(deltas, forecast)[0].tolist(), "lowered by δ"
             return values, None, self._record(o, decided, FALLBACK, f"{BY_FALLBACK}{how}: {error}")
-        record = self._record(o, decided, KEPT if solution.kept else SOLVED, "planned")._replace(
-            iterations=solution.iterations, gap=solution.gap, battery_limit=solution.battery_limit
-        )
+        record = self._record(o, decided, KEPT if solution.kept else SOLVED, "planned")
+        record = record._replace(gap=solution.gap, battery_limit=solution.battery_limit)
         return solution.chosen[0].tolist(), solution.chosen_w, record
 
     def _free(self, o: Observation) -> list[int]:

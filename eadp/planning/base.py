@@ -204,8 +204,6 @@ class Ending(NamedTuple):
         Time to it, and its standard deviation [s].
     energy_wh, energy_std_wh : float or None
         Energy to it, and its standard deviation [Wh].
-    available_wh : float or None
-        Energy in the battery above the reserve [Wh].
     soc_end, soc_end_std : float or None
         State of charge, negative by the shortfall of charge; and its standard deviation.
     completes_probability, reserve_probability : float or None
@@ -218,7 +216,6 @@ class Ending(NamedTuple):
     remaining_std_s: float | None = None
     energy_wh: float | None = None
     energy_std_wh: float | None = None
-    available_wh: float | None = None
     soc_end: float | None = None
     soc_end_std: float | None = None
     completes_probability: float | None = None
@@ -264,8 +261,8 @@ class DecisionRecord(NamedTuple):
     status : str
         `solved` by OSQP, `kept` because proven to be optimal still, `fallback` after failed runs, `closed form` where
         that was better, `infeasible`, or `nothing to choose`.
-    calls, iterations : int
-        Runs of OSQP, and iterations of the one that was used.
+    calls : int
+        Runs of OSQP.
     gap : float or None
         Relative distance of the solution to a bound that no solution exceeds; for `joint`, in units of U.
     reason : str
@@ -289,7 +286,6 @@ class DecisionRecord(NamedTuple):
     parameters: Vector
     status: str
     calls: int
-    iterations: int
     gap: float | None
     reason: str
     battery_limit: str | None = None

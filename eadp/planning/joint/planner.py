@@ -471,9 +471,6 @@ class JointPlanner(Planner):
             reason = TURNS_BACK + reason
         elif home.home_by_s is not None and home.point_of_no_return_s is not None and not solution.feasible:
             reason += f"; home can wait {home.point_of_no_return_s - o.time_s:.0f} s"
-        b = self.mission.battery
-        floor = max(plan.evaluation.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
-        available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         record = DecisionRecord(
             time_s=o.time_s,
             cause=cause,
@@ -482,11 +479,10 @@ class JointPlanner(Planner):
             parameters=chosen,
             status=solution.status,
             calls=self.report.calls - calls,
-            iterations=solution.iterations,
             gap=solution.gap,
             reason=reason,
             battery_limit=limit,
-            ending=ending._replace(available_wh=available_wh, quality_forecast=solution.value),
+            ending=ending._replace(quality_forecast=solution.value),
             wind_mps=known.wind.mps,
             home=home,
             airspeed_mps=None if plan.pace_mps is None else plan.airspeeds_mps[o.stage - 1],
