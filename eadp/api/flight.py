@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import statistics
@@ -81,7 +80,6 @@ def summarise(
         "turned_back_s": None if outcome.turned_back_s is None else round(outcome.turned_back_s, 9),
         "turned_back_m": None if outcome.turned_back_m is None else list(outcome.turned_back_m),
         "reason": outcome.reason,
-        "battery_limit": outcome.battery_limit,
         "planner": settings.name,
         "field": None if world.mission.plan.site.field is None else world.mission.plan.site.field.summary,
         "duration_s": round(duration_s, 9),
@@ -91,7 +89,6 @@ def summarise(
         "soc_final": outcome.soc_final,
         "soc_reserve": settings.reserve_soc,
         "period_s": None if flight.power is None else flight.power.period_s,
-        "lap_times_s": _lap_times_s(world, outcome),
         "parameters": parameters,
         "quality": log.quality(settings.weights),
         "coverage": None,
@@ -169,15 +166,6 @@ def batteries(expected: Preflight) -> int | None:
     if expected.feasible or (expected.reach is not None and expected.reach.share > WHOLE):
         return 1
     return max(2, math.ceil(1 / share - 1e-9)) if share > 0 else None
-
-
-def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
-    """Time of each lap after the first [s], from the start of its first stage to the next lap's; not of parts."""
-    n = world.mission.plan.primitive_stages
-    if not n or world.mission.plan.segments:
-        return []
-    starts = outcome.stage_times_s[n - 1 :: n]
-    return [round(later - earlier, 9) for earlier, later in itertools.pairwise(starts)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,8 +58,6 @@ class Outcome:
     reason: str = ""
     duration_s: float = 0.0
     soc_final: float = 0.0
-    battery_limit: str | None = None
-    """Limit of the battery that ended the flight."""
     energy_j: float = 0.0
     distance_m: float = 0.0
     power_min_w: float = math.inf
@@ -260,7 +258,7 @@ class _Flight:
         self._log.change(time_s, executor.cursor, executor.joined_m if started else None)
 
     def _failure(self, events: int) -> str:
-        """Reason of a flight's early end; a limit of the battery is noted in the outcome.
+        """Reason of a flight's early end.
 
         Raises
         ------
@@ -272,8 +270,8 @@ class _Flight:
             return BATTERY_EMPTY
         if events & SAGS:
             soc = variable(SOC)
-            self._outcome.battery_limit = limit = battery.limit_at(battery.voltage_at(soc))
-            what = BATTERY_EMPTY if limit == CUT_OFF else "the battery cannot deliver"
+            is_empty = battery.limit_at(battery.voltage_at(soc)) == CUT_OFF
+            what = BATTERY_EMPTY if is_empty else "the battery cannot deliver"
             return f"{what}: {battery.undeliverable(variable(POWER), soc)}"
         if self._k == 1:
             x, y = self._world.start.position_m

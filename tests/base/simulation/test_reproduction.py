@@ -35,6 +35,8 @@ def flown(scenario, overrides=()):
     steps = list(fly(inputs.world, flight, outcome))
     summary = summarise(inputs.world, flight, outcome, inputs.scenario.planner)
     shares = [outcome.parameters.mean_share(i) for i in range(2)]
+    laps = inputs.mission.plan.primitive_stages
+    summary["lap_times_s"] = np.diff(outcome.stage_times_s[laps - 1 :: laps])  # after the first
     return summary, shares, steps
 
 
