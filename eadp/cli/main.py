@@ -160,25 +160,29 @@ def main(arguments: list[str]) -> int:
         return stop.exit_code
     except (typer.Abort, KeyboardInterrupt):
         return _interrupted()
-    except EadpError as error:
-        _debug()
-        sys.stderr.write(faults_text(error.faults) if isinstance(error, InputError) else _plain(str(error)))
-        return BAD_INPUT
     except (BrokenPipeError, _Closed):
         _drop_output()  # the reader has seen enough
         return YES
-    except (OSError, MemoryError) as error:
-        _debug()
-        return _exhausted(error)
     except Exception as error:
-        _debug()
-        if isinstance(error, _UsageFault):
-            return _usage(error)
-        if _follows_interrupt(error):
-            return _interrupted()
-        what = f"{type(error).__name__}: {error}"
-        print(f"eadp: this is a bug, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr)  # noqa: T201
-        return BUG
+        if os.environ.get("EADP_DEBUG") == "1":
+            traceback.print_exc()
+        return _failed(error)
+
+
+def _failed(error: Exception) -> int:
+    """The exit code of an error, which is said on stderr."""
+    if isinstance(error, EadpError):
+        sys.stderr.write(faults_text(error.faults) if isinstance(error, InputError) else _plain(str(error)))
+        return BAD_INPUT
+    if isinstance(error, (OSError, MemoryError)):
+        return _exhausted(error)
+    if isinstance(error, _UsageFault):
+        return _usage(error)
+    if _follows_interrupt(error):
+        return _interrupted()
+    what = f"{type(error).__name__}: {error}"
+    print(f"eadp: this is a bug, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr)  # noqa: T201
+    return BUG
 
 
 _NO_NUMBER = "Input should be a valid number, unable to parse string as a number"
@@ -241,8 +245,3 @@ def _pipe(error: Any) -> str:
     if not moved or all(each.metavar != "PLAN" for each in error.ctx.command.params):
         return ""
     return f"{name} is an option of eadp plan: eadp plan PLAN {name} … | eadp {error.ctx.info_name} -"
-
-
-def _debug() -> None:
-    if os.environ.get("EADP_DEBUG") == "1":
-        traceback.print_exc()
