@@ -40,7 +40,6 @@ from eadp.planning.base import PlannerSettings
 from eadp.planning.forecast.clearance import entering
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import PlannedFlight, make_flight, planner_class
-from eadp.plug_ins import code_identity
 from eadp.simulation.nominal import Overshoot, overshoot_findings, overshoots
 
 HELD = "fixed"
@@ -56,7 +55,7 @@ Content = TypeVar("Content")
 
 
 class Files:
-    """Files of flights, by path: each is read and parsed once. Only the texts are pickled.
+    """Files of flights, by path: each is read and parsed once. Only the texts, without their lines, are pickled.
 
     `texts` are those that are known already.
     """
@@ -65,14 +64,8 @@ class Files:
         self.texts = dict(texts or {})
         self._contents: dict[tuple[str, Callable[[Text], Any]], Any] = {}
 
-    def __getstate__(self) -> tuple[str, dict[str, Text]]:
-        return code_identity(), {path: replace(text) for path, text in self.texts.items()}  # without their lines
-
-    def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
-        sent_by, self.texts = state
-        self._contents = {}
-        if sent_by != code_identity():  # other code's flights may differ
-            raise EadpError(f"it has {code_identity()}, and the sender {sent_by}")
+    def __reduce__(self) -> tuple[type[Files], tuple[dict[str, Text]]]:
+        return Files, ({path: replace(text) for path, text in self.texts.items()},)
 
     def text(self, path: str, read: Callable[[str], Text] = read_text) -> Text:
         """A file's text."""
