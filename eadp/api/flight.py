@@ -215,11 +215,6 @@ class Flight:
         return dict(zip(names, np.array(rows, dtype=float).T, strict=True))
 
     @cached_property
-    def lists(self) -> dict[str, list[float]]:
-        """`columns` as lists."""
-        return {name: column.tolist() for name, column in self.columns.items()}
-
-    @cached_property
     def _table(self) -> list[list[Any]]:
         """Names and rows of `flight.csv`, which has airspeeds where they are decided."""
         plan, origin_deg = self.inputs.mission.plan, self.inputs.mission.plan.site.origin_deg
@@ -286,7 +281,7 @@ def fly_flight(
     flight = Flight(inputs, summary, steps, flown.records, overrides, flown.estimates)
     plan = inputs.mission.plan
     if steps and plan.site.field is not None:
-        flight.summary["coverage"] = flown_coverage(plan, flown_of_plan(flight.lists, flown.turned_back_s))
+        flight.summary["coverage"] = flown_coverage(plan, flown_of_plan(flight.columns, flown.turned_back_s))
     return flight
 
 

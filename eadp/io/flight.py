@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from eadp.core.arrays import Column
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.io.scenario import Scenario, battery_keys
@@ -200,7 +201,7 @@ def planned_lines(plan: Plan, parameters: Sequence[float]) -> list[Line]:
     return [(leg.start_m, leg.end_m) for leg in legs if covers[leg.stage.index - 1]]
 
 
-def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line]:
+def flown_lines(plan: Plan, columns: Mapping[str, Column]) -> list[Line]:
     """The paths flown on stages that cover ground; `columns` are those of `flight.csv`."""
     stages = np.array(columns["stage"], dtype=int)
     on_line = np.array(covering_stages(plan))[stages - 1]
@@ -210,7 +211,7 @@ def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line
     return [tuple(zip(x[a : b + 1], y[a : b + 1], strict=True)) for a, b in itertools.pairwise(ends) if on_line[a]]
 
 
-def flown_of_plan(columns: Mapping[str, Sequence[float]], turned_back_s: float | None) -> Mapping[str, Sequence[float]]:
+def flown_of_plan(columns: Mapping[str, Column], turned_back_s: float | None) -> Mapping[str, Column]:
     """The columns of `flight.csv` up to where the flight turned back for home [s], if it did."""
     if turned_back_s is None:
         return columns
@@ -218,7 +219,7 @@ def flown_of_plan(columns: Mapping[str, Sequence[float]], turned_back_s: float |
     return {name: values[:end] for name, values in columns.items()}
 
 
-def flown_coverage(plan: Plan, columns: Mapping[str, Sequence[float]]) -> float | None:
+def flown_coverage(plan: Plan, columns: Mapping[str, Column]) -> float | None:
     """The share of the plan's field that is covered; None where it has none or no swath, or the log is too coarse."""
     times = columns["time_s"]
     if plan.site.field is None or plan.site.swath_m is None or len(times) < 2 or max(np.diff(times)) > MAX_INTERVAL_S:

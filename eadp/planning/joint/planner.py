@@ -469,8 +469,6 @@ class JointPlanner(Planner):
         returns_home, home = self._way_home(o.time_s, plan, ending)
         if returns_home:
             reason = TURNS_BACK + reason
-        elif home.home_by_s is not None and home.point_of_no_return_s is not None and not solution.feasible:
-            reason += f"; home can wait {home.point_of_no_return_s - o.time_s:.0f} s"
         record = DecisionRecord(
             time_s=o.time_s,
             cause=cause,
