@@ -271,7 +271,7 @@ class InnerLoop:
         s[MIN_POWER], s[MAX_POWER] = math.inf, -math.inf
         s[SOC] = replayed_soc(battery.replay, 0.0) if battery.prescribed else battery.soc
         c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
-        readings, rows = self._zeros(READING * MAX_READINGS), self._zeros(ROW * MAX_ROWS)
+        readings, rows = (self._numbers([0.0] * count) for count in (READING * MAX_READINGS, ROW * MAX_ROWS))
         self._records = StepRecords(self._numbers([]), readings, rows)
         self._curve: GeneralCurve | None = None
         self._watch: Any = []
@@ -282,15 +282,11 @@ class InnerLoop:
         """Numbers as the function takes them: an array where it is compiled."""
         return np.array(values) if self._compiled else values
 
-    def _zeros(self, count: int) -> Any:
-        """A number of zeros, as the function takes numbers."""
-        return np.zeros(count) if self._compiled else [0.0] * count
-
     def set_records(self, every: int, late: int, log_every: int) -> None:
         """Set the steps between readings, from step 1 on, by which they are late, and between rows of the log."""
         self._s[READ_AT], self._s[LOG_AT] = 1, log_every
         self._c[READ_EVERY], self._c[LATE], self._c[LOG_EVERY] = every, late, log_every
-        self._records = self._records._replace(late=self._zeros(SNAPSHOT * (late + 1)))
+        self._records = self._records._replace(late=self._numbers([0.0] * (SNAPSHOT * (late + 1))))
 
     def set_loss(self, step: int, drop: float) -> None:
         """Set the next sudden loss of charge: its step, and its size as a state of charge."""
@@ -333,9 +329,7 @@ class InnerLoop:
         end = min(end, k + room * int(self._c[READ_EVERY]), k + MAX_ROWS * int(self._c[LOG_EVERY]))
         if self._compiled and self._curve is not None:
             return self._run_uncompiled(k, end)
-        constants = self._c, self._tables, self._records, self._curve
-        k, events = self._fly(self._s, self._watch, *constants, k, end)
-        return k, events
+        return self._fly(self._s, self._watch, self._c, self._tables, self._records, self._curve, k, end)
 
     def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:
         """Run along a general curve in plain Python, on the arrays of the compiled function."""
