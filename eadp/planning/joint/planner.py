@@ -388,8 +388,8 @@ class JointPlanner(Planner):
         if not (feasible and best.value <= threshold):
             found = self._plan(known, best.shares, pace_mps) or kept
             if kept and found and not best.feasible:
-                less_short = kept.evaluation.shortfall - BETTER * float(kept.evaluation.std[0])
-                found = found if found.evaluation.shortfall <= less_short else kept
+                clearly_less = kept.evaluation.shortfall - BETTER * float(kept.evaluation.std[0])
+                found = found if found.evaluation.shortfall <= clearly_less else kept
         return found and found._replace(in_reach=search.in_reach)
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:

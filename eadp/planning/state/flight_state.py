@@ -481,7 +481,7 @@ def _with_reading(before: Readings | None, sample: Sample) -> Readings:
     # a measured wind is not estimated from the velocity, too
     velocity_mps = (None, None) if sample.velocity_mps is None or sample.wind_mps is not None else sample.velocity_mps
     one = sample.time_s, sample.power_w, sample.soc, *velocity_mps, sample.heading_rad, sample.airspeed_mps
-    numbers = np.array(one, dtype=float)  # NaN for None
+    numbers = np.array(one, dtype=float)  # in the order of `Readings`, NaN for None
     if before is None:
         return Readings(*numbers[:, None])
     if before.times_s[-1] >= sample.time_s:
