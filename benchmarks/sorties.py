@@ -160,7 +160,7 @@ def interrupted(
     sources, lines = [], []
     for name in names[: stopped + 1]:
         flight = flown.flights[name]
-        columns = flown_of_plan(flight.lists, None)
+        columns = flown_of_plan(flight.columns, None)
         if name == names[stopped]:
             end = int(rng.uniform(0.2, 0.9) * len(columns["time_s"]))
             columns = {key: values[:end] for key, values in columns.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import statistics
@@ -53,11 +52,10 @@ def summarise(
     outcome: Outcome,
     settings: PlannerSettings,
     expected: Preflight | None = None,
-    never_past: str = "",
 ) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
-    `settings` are the planner's; `expected` is the forecast before take-off, `never_past` as of `FlightInputs`.
+    `settings` are the planner's; `expected` is the forecast before take-off.
     """
     log, report = outcome.parameters, flight.planner.report
     parameters: dict[str, dict[str, Any]] = {}
@@ -74,6 +72,7 @@ def summarise(
             own["shown"] = {"mean": log.mean(i, shown), "first": shown(first), "last": shown(last)}
         parameters[parameter.name] = own
     duration_s = outcome.duration_s
+    mean_w = outcome.energy_j / duration_s if duration_s else None
     return {
         "schema": SCHEMA,
         "completed": outcome.completed,
@@ -81,27 +80,21 @@ def summarise(
         "turned_back_s": None if outcome.turned_back_s is None else round(outcome.turned_back_s, 9),
         "turned_back_m": None if outcome.turned_back_m is None else list(outcome.turned_back_m),
         "reason": outcome.reason,
-        "battery_limit": outcome.battery_limit,
         "planner": settings.name,
         "field": None if world.mission.plan.site.field is None else world.mission.plan.site.field.summary,
         "duration_s": round(duration_s, 9),
         "distance_m": outcome.distance_m,
         "energy_wh": outcome.energy_j / 3600,
-        "power_w": {
-            "mean": outcome.energy_j / duration_s if duration_s else None,
-            "min": outcome.power_min_w,
-            "max": outcome.power_max_w,
-        },
+        "power_w": {"mean": mean_w, "min": outcome.power_min_w, "max": outcome.power_max_w},
         "soc_final": outcome.soc_final,
         "soc_reserve": settings.reserve_soc,
         "period_s": None if flight.power is None else flight.power.period_s,
-        "lap_times_s": _lap_times_s(world, outcome),
         "parameters": parameters,
         "quality": log.quality(settings.weights),
         "coverage": None,
         "obstacles": [each._asdict() for each in outcome.entries],
         "paper_metric": log.paper_metric(outcome.soc_final),
-        "endurance": _endurance(world, outcome) if duration_s else None,
+        "endurance_s": world.mission.battery.endurance_s(mean_w) if mean_w else None,
         "decisions": len(outcome.records),
         "replans": report.replans,
         "solver": {
@@ -112,7 +105,6 @@ def summarise(
             "max_ms": max(report.solve_ms, default=None),
         },
         "energy_forecast": None if expected is None else forecast_values(expected),
-        "never_past": never_past or None,
         "seed": world.seed,
     }
 
@@ -121,30 +113,6 @@ def repeatable(summary: Mapping[str, Any]) -> dict[str, Any]:
     """A summary without what the clock of the machine gives: `CLOCKED`."""
     solver = {key: value for key, value in summary["solver"].items() if key not in CLOCKED}
     return {**summary, "solver": solver}
-
-
-def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
-    """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
-    log, rho, duration_s = outcome.parameters, world.mission.plan.path_count, outcome.duration_s
-    computing_w = log.computing_j / duration_s
-    motion_w = outcome.energy_j / duration_s - computing_w
-    means = {name: log.mean(i) for i, name in enumerate(world.mission.plan.names) if i >= rho}
-    low, high = (world.mission.computing.extreme(world.mission.plan, end) for end in ("lo", "hi"))
-
-    def endurance(own_w: float, values: dict[str, float]) -> dict[str, Any]:
-        power_w = motion_w + own_w
-        time_s = world.mission.battery.endurance_s(power_w) if power_w > 0 else None
-        return {"parameters": values, "computing_w": own_w, "power_w": power_w, "time_s": time_s}
-
-    lowest, highest = endurance(*low), endurance(*high)
-    longest_s, shortest_s = lowest["time_s"], highest["time_s"]
-    return {
-        "motion_w": motion_w,
-        "lowest": lowest,
-        "flown": endurance(computing_w, means),
-        "highest": highest,
-        "gain_min_per_h": 60 * (longest_s / shortest_s - 1) if longest_s and shortest_s else None,
-    }
 
 
 def forecast_values(expected: Preflight) -> dict[str, Any]:
@@ -200,15 +168,6 @@ def batteries(expected: Preflight) -> int | None:
     return max(2, math.ceil(1 / share - 1e-9)) if share > 0 else None
 
 
-def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
-    """Time of each lap after the first [s], from the start of its first stage to the next lap's; not of parts."""
-    n = world.mission.plan.primitive_stages
-    if not n or world.mission.plan.segments:
-        return []
-    starts = outcome.stage_times_s[n - 1 :: n]
-    return [round(later - earlier, 9) for earlier, later in itertools.pairwise(starts)]
-
-
 @dataclass(frozen=True, eq=False)
 class Flight:
     """A flight that was flown.
@@ -254,11 +213,6 @@ class Flight:
         """The columns of `flight.csv` by name, such as time_s, x_m, soc and c1; each an array, shape (steps,)."""
         names, *rows = self._table
         return dict(zip(names, np.array(rows, dtype=float).T, strict=True))
-
-    @cached_property
-    def lists(self) -> dict[str, list[float]]:
-        """`columns` as lists."""
-        return {name: column.tolist() for name, column in self.columns.items()}
 
     @cached_property
     def _table(self) -> list[list[Any]]:
@@ -323,11 +277,11 @@ def fly_flight(
     for step in fly(inputs.world, planned, outcome=flown):
         steps.append(step)
         on_step(step)
-    summary = summarise(inputs.world, planned, flown, inputs.scenario.planner, expected, inputs.never_past)
+    summary = summarise(inputs.world, planned, flown, inputs.scenario.planner, expected)
     flight = Flight(inputs, summary, steps, flown.records, overrides, flown.estimates)
     plan = inputs.mission.plan
     if steps and plan.site.field is not None:
-        flight.summary["coverage"] = flown_coverage(plan, flown_of_plan(flight.lists, flown.turned_back_s))
+        flight.summary["coverage"] = flown_coverage(plan, flown_of_plan(flight.columns, flown.turned_back_s))
     return flight
 
 

@@ -40,8 +40,7 @@ from eadp.planning.base import PlannerSettings
 from eadp.planning.forecast.clearance import entering
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import PlannedFlight, make_flight, planner_class
-from eadp.plug_ins import code_identity
-from eadp.simulation.nominal import MOST, Overshoot, overshoot_findings, overshoots
+from eadp.simulation.nominal import Overshoot, overshoot_findings, overshoots
 
 HELD = "fixed"
 """Setting `airspeed` of a planner that does not decide it."""
@@ -56,7 +55,7 @@ Content = TypeVar("Content")
 
 
 class Files:
-    """Files of flights, by path: each is read and parsed once. Only the texts are pickled.
+    """Files of flights, by path: each is read and parsed once. Only the texts, without their lines, are pickled.
 
     `texts` are those that are known already.
     """
@@ -65,14 +64,8 @@ class Files:
         self.texts = dict(texts or {})
         self._contents: dict[tuple[str, Callable[[Text], Any]], Any] = {}
 
-    def __getstate__(self) -> tuple[str, dict[str, Text]]:
-        return code_identity(), {path: replace(text) for path, text in self.texts.items()}  # without their lines
-
-    def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
-        sent_by, self.texts = state
-        self._contents = {}
-        if sent_by != code_identity():  # other code's flights may differ
-            raise EadpError(f"it has {code_identity()}, and the sender {sent_by}")
+    def __reduce__(self) -> tuple[type[Files], tuple[dict[str, Text]]]:
+        return Files, ({path: replace(text) for path, text in self.texts.items()},)
 
     def text(self, path: str, read: Callable[[str], Text] = read_text) -> Text:
         """A file's text."""
@@ -116,8 +109,6 @@ class FlightInputs:
     scenario: Scenario
     warnings: tuple[Fault, ...]
     sources: Mapping[str, Text]
-    never_past: str = ""
-    """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
 
     @property
     def mission(self) -> Mission:
@@ -231,15 +222,14 @@ def load_flight(
         autopilot=setting.keys.autopilot,
     )
     _check_names(flown, setting)
-    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshot, MOST)]
+    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshot)]
     _check_planner(setting, mission)
     world = _world(mission, setting, start, forecast_s)
     stated_m, home_m = setting.keys.home.altitude_m, world.way_home and world.way_home.altitude_m
     if stated_m is not None and home_m is not None and home_m > stated_m:
         message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
         warnings.append(replace(setting.fault("home.altitude_m", message, "a higher one"), severity="warning"))
-    never_past = next((one.stage.label for one in overshot if math.isinf(one.excess.seconds)), "")
-    inputs = FlightInputs(world, setting, tuple(warnings), sources, never_past)
+    inputs = FlightInputs(world, setting, tuple(warnings), sources)
     decides = getattr(setting.planner.own, "airspeed", HELD) != HELD
     return inputs if decides else inputs.at_one_airspeed()
 
@@ -302,35 +292,30 @@ def _altitudes_m(stages: Sequence[Stage], vehicle: Airframe) -> list[float]:
 
 def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point) -> WayHome | None:
     """Home and the way to it, round what is in the way, with the plan's landing; None without a home."""
-    home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
-    airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan.stages, scenario.keys.vehicle.airframe)))
+    vehicle, home_m = scenario.keys.vehicle.airframe, scenario.position_m("home", plan.site.origin_deg)
+    home_m = home_m or plan.site.home_m
+    airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan.stages, vehicle)))
     for key, point in (("start", start_m), ("home", home_m)):
         if point is not None and not airspace.admits(point):
             message = f"the {key} ({point[0]:g}, {point[1]:g}) lies in an obstacle or beyond the boundary"
             raise InputError(scenario.fault(key, message, "another place, or obstacles: ignore"))
     if home_m is None:
         return None
-    turn_radius_m, turns_back = scenario.keys.vehicle.airframe.turn_radius_m, scenario.keys.on_infeasible == RETURN_HOME
     legs: Sequence[Leg] = ()
     with contextlib.suppress(PathUndefined):  # a plan that is never flown has no landing either
         legs = nominal_legs(plan, parameters, start_m)
-    landing = Landing.of(legs, scenario.keys.vehicle.airframe.cruise_altitude_m)
-    altitude_m = _home_altitude_m(plan, scenario, legs, home_m)
-    way_home = WayHome(home_m, turn_radius_m, turns_back, None, altitude_m, landing)
+    # as given, but clear of ground and obstacles; that of the stage where nothing says more
+    altitudes_m = scenario.keys.home.altitude_m, plan.site.home_altitude_m, clear_home_m(plan, legs, home_m, vehicle)
+    altitude_m = max((each for each in altitudes_m if each is not None), default=None)
+    turns_back, landing = scenario.keys.on_infeasible == RETURN_HOME, Landing.of(legs, vehicle.cruise_altitude_m)
+    way_home = WayHome(home_m, vehicle.turn_radius_m, turns_back, None, altitude_m, landing)
     if not any(airspace):
         return way_home
     from eadp.core.geometry.polygons import WaysTo
 
-    radius_m = HOME_RADII * turn_radius_m
+    radius_m = HOME_RADII * vehicle.turn_radius_m
     clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)
     return way_home._replace(ways=WaysTo(way_home.end_m, clear, near, radius_m))
-
-
-def _home_altitude_m(plan: Plan, scenario: Scenario, legs: Sequence[Leg], home_m: Point) -> float | None:
-    """Altitude of the way home [m]: as given, but clear of ground and obstacles; None for that of the stage."""
-    found = [each for each in (scenario.keys.home.altitude_m, plan.site.home_altitude_m) if each is not None]
-    clear_m = clear_home_m(plan, legs, home_m, scenario.keys.vehicle.airframe)
-    return max([*found, *([] if clear_m is None else [clear_m])], default=None)
 
 
 def clear_home_m(plan: Plan, legs: Sequence[Leg], home_m: Point, vehicle: Airframe) -> int | None:
@@ -428,11 +413,10 @@ def _computing(plan: Plan, text: Text, profile: Profile | None, place: str) -> C
     try:
         return join_profile(plan, profile)
     except EadpError as error:
-        if not place:
-            raise InputError.at(
-                text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario"
-            ) from None
-        raise InputError.at(place, 1, 1, str(error), "a profile of the plan's computations") from None
+        if place:
+            raise InputError.at(place, 1, 1, str(error), "a profile of the plan's computations") from None
+        expected = "--profile, or profile: in the scenario"
+        raise InputError.at(text.name, plan.stages[0].line, 1, str(error), expected) from None
 
 
 def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
@@ -467,12 +451,12 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
     name, turns_back = scenario.planner.name, scenario.keys.on_infeasible == RETURN_HOME
     if turns_back and mission.way_home is None:
         raise InputError(scenario.fault("on_infeasible", "home, which has no location", "home: {position_m: [x, y]}"))
-    if turns_back and not planner_class(name).optimises_to_end:
-        raise InputError(
-            scenario.fault("on_infeasible", f"home, with planner {name}", "planner joint, which forecasts")
-        )
-    if found := planner_class(name).faults(scenario.planner, mission):
-        raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
+    planner = planner_class(name)
+    if turns_back and not planner.optimises_to_end:
+        message = f"home, with planner {name}"
+        raise InputError(scenario.fault("on_infeasible", message, "planner joint, which forecasts"))
+    found = planner.faults(scenario.planner, mission)
+    refuse([scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found])
 
 
 @lru_cache(KEPT_ROUTES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.errors import Fault, InputError, PathUndefined
 from eadp.io.plan.sources import Ground, PlanReader, is_mission
 from eadp.io.plan.writer import parameters_of
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import read_text
 from eadp.models.plan.plan import CheckReport, Finding, Plan
 from eadp.plug_ins import plug_in, plug_ins
 
@@ -62,13 +62,23 @@ def check_plan(
         With every fault of the file.
     """
     text = read_text(str(file))
-    read = _in_zones(_read(text, min_radius_m or None, laps, terrain, {"avoid": avoid, "inside": inside}))
-    if not geometry:
-        return read
+    ground: Ground | None = plug_in("grounds", "files")(terrain) if terrain else None
+    reader = PlanReader(laps=laps, ground=ground)
+    if min_radius_m:
+        reader = replace(reader, turn_radius_m=min_radius_m)
+    plan, findings = reader(text)
+    notes: list[Fault] = []
+    for name, zones in (("avoid", avoid), ("inside", inside)):
+        if zones is not None:
+            plan, more = plug_in("plan_changes", name)(plan, zones)
+            notes += more
+    if ground is not None:
+        plan = _at_height(plan, ground)
     # a mission's coordinates are rounded, and it has no parameters: there is nothing to prove
-    reports = [check(read.plan, min_radius_m, proven=not is_mission(text)) for check in plug_ins("checks")]
-    findings = [*read.findings, *(finding for report in reports for finding in report.findings)]
-    return read._replace(findings=findings, reports=reports)
+    proven = not is_mission(text)
+    reports = [check(plan, min_radius_m, proven=proven) for check in plug_ins("checks")] if geometry else []
+    findings = [*findings, *_zone_findings(plan), *(found for report in reports for found in report.findings)]
+    return CheckedPlan(plan, text.name, findings, reports, notes)
 
 
 def read_plan(
@@ -102,7 +112,9 @@ def read_plan(
     InputError
         With every fault of the file.
     """
-    read = _in_zones(_read(read_text(str(file)), min_radius_m, laps, terrain, {"avoid": avoid, "inside": inside}))
+    read = check_plan(
+        file, min_radius_m=min_radius_m, laps=laps, avoid=avoid, inside=inside, terrain=terrain, geometry=False
+    )
     warn(read.faults)
     return read.plan
 
@@ -111,50 +123,25 @@ def plan_of(given: File | Plan, warn: Warn) -> tuple[Plan, str]:
     """A plan that is given, and its name in messages."""
     if isinstance(given, Plan):
         return given, given.name
-    read = _read(read_text(str(given)))
-    warn(read.faults)
-    return read.plan, read.name
+    text = read_text(str(given))
+    plan, findings = PlanReader()(text)
+    warn([finding.fault(text.name) for finding in findings])
+    return plan, text.name
 
 
-def _read(
-    text: Text,
-    min_radius_m: float | None = None,
-    laps: int | None = None,
-    terrain: Sequence[str] = (),
-    changes: Mapping[str, File | None] | None = None,
-) -> CheckedPlan:
-    """A plan or a mission, changed by files, and what was found: also what is flown where it turns too tightly."""
-    ground = plug_in("grounds", "files")(terrain) if terrain else None
-    reader = PlanReader(laps=laps, ground=ground)
-    if min_radius_m is not None:
-        reader = replace(reader, turn_radius_m=min_radius_m)
-    plan, findings = reader(text)
-    if is_mission(text):
-        from eadp.simulation.nominal import calm_findings, is_tight  # slow to import
-
-        if is_tight(plan, reader.turn_radius_m):
-            findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]
-    notes: list[Fault] = []
-    for name, file in (changes or {}).items():
-        if file is not None:
-            plan, more = plug_in("plan_changes", name)(plan, file)
-            notes += more
-    return CheckedPlan(plan if ground is None else _at_height(plan, ground), text.name, findings, notes=notes)
-
-
-def _in_zones(read: CheckedPlan) -> CheckedPlan:
-    """With warnings where the path at the take-off parameters enters an obstacle, or leaves the boundary."""
-    airspace = read.plan.site.airspace
+def _zone_findings(plan: Plan) -> list[Finding]:
+    """Warnings where the path at the take-off parameters enters an obstacle, or leaves the boundary."""
+    airspace = plan.site.airspace
     if not any(airspace):
-        return read
+        return []
     from eadp.models.plan.trace import nominal_legs, zone_findings
     from eadp.models.vehicle import FixedWing
 
     try:
-        legs = nominal_legs(read.plan, parameters_of(read.plan, ()))
+        legs = nominal_legs(plan, parameters_of(plan, ()))
     except PathUndefined:  # a plan without its sets
-        return read
-    return read._replace(findings=[*read.findings, *zone_findings(legs, airspace, FixedWing().cruise_altitude_m)])
+        return []
+    return zone_findings(legs, airspace, FixedWing().cruise_altitude_m)
 
 
 def _at_height(plan: Plan, ground: Ground) -> Plan:

@@ -99,11 +99,6 @@ def _shielded(command: Callable[..., int]) -> Callable[..., int]:
     return shielded
 
 
-def _unknown() -> int:
-    """In place of a command that is not run."""
-    return NO
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"eadp {__version__}")
@@ -136,7 +131,8 @@ def _app(names: tuple[str, ...], *, texts: bool = True) -> Any:
     )
     app.callback()(_options)
     for name in (*COMMANDS, *(name for name in names if name not in COMMANDS)):
-        command = grouped(plug_in("commands", name), texts=texts) if name in names else _unknown
+        # of a command that is not run only the name counts
+        command = grouped(plug_in("commands", name), texts=texts) if name in names else lambda: NO
         app.command(name, cls=_Sectioned, short_help=COMMANDS.get(name, ADDED))(_shielded(command))
     return typer.main.get_command(app)
 
@@ -164,25 +160,29 @@ def main(arguments: list[str]) -> int:
         return stop.exit_code
     except (typer.Abort, KeyboardInterrupt):
         return _interrupted()
-    except EadpError as error:
-        _debug()
-        sys.stderr.write(faults_text(error.faults) if isinstance(error, InputError) else _plain(str(error)))
-        return BAD_INPUT
     except (BrokenPipeError, _Closed):
         _drop_output()  # the reader has seen enough
         return YES
-    except (OSError, MemoryError) as error:
-        _debug()
-        return _exhausted(error)
     except Exception as error:
-        _debug()
-        if isinstance(error, _UsageFault):
-            return _usage(error)
-        if _follows_interrupt(error):
-            return _interrupted()
-        what = f"{type(error).__name__}: {error}"
-        print(f"eadp: this is a bug, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr)  # noqa: T201
-        return BUG
+        if os.environ.get("EADP_DEBUG") == "1":
+            traceback.print_exc()
+        return _failed(error)
+
+
+def _failed(error: Exception) -> int:
+    """The exit code of an error, which is said on stderr."""
+    if isinstance(error, EadpError):
+        sys.stderr.write(faults_text(error.faults) if isinstance(error, InputError) else _plain(str(error)))
+        return BAD_INPUT
+    if isinstance(error, (OSError, MemoryError)):
+        return _exhausted(error)
+    if isinstance(error, _UsageFault):
+        return _usage(error)
+    if _follows_interrupt(error):
+        return _interrupted()
+    what = f"{type(error).__name__}: {error}"
+    print(f"eadp: this is a bug, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr)  # noqa: T201
+    return BUG
 
 
 _NO_NUMBER = "Input should be a valid number, unable to parse string as a number"
@@ -202,12 +202,12 @@ def _follows_interrupt(error: BaseException | None) -> bool:
 
 def _exhausted(error: OSError | MemoryError) -> int:
     """Something that the machine does not have or do: space on the device of standard output, memory."""
-    what = f"not enough memory: {error}" if isinstance(error, MemoryError) else f"cannot be written: {error.strerror}"
-    if isinstance(error, OSError):
+    if isinstance(error, MemoryError):
+        what = f"not enough memory: {error}"
+    else:
         _drop_output()
-    name = getattr(error, "filename", None) or "standard output"
-    where = "" if isinstance(error, MemoryError) else f"{printable(str(name))} "
-    print(f"eadp: error: {where}{what}", file=sys.stderr)  # noqa: T201
+        what = f"{printable(str(error.filename or 'standard output'))} cannot be written: {error.strerror}"
+    sys.stderr.write(_plain(what))
     return BAD_INPUT
 
 
@@ -245,8 +245,3 @@ def _pipe(error: Any) -> str:
     if not moved or all(each.metavar != "PLAN" for each in error.ctx.command.params):
         return ""
     return f"{name} is an option of eadp plan: eadp plan PLAN {name} … | eadp {error.ctx.info_name} -"
-
-
-def _debug() -> None:
-    if os.environ.get("EADP_DEBUG") == "1":
-        traceback.print_exc()

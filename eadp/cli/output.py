@@ -175,11 +175,10 @@ def _option(field: Field[Any], hint: Any, text: str, section: str | None) -> ins
 
 def _plain(name: str, kind: Any) -> Any:
     """The type that an option's text is read as: of several the text, which the use case reads."""
-    if get_origin(kind) is Literal:
-        return StrEnum(name, {str(value): str(value) for value in get_args(kind)})
-    if get_origin(kind) in (Union, types.UnionType):
-        kinds = [each for each in get_args(kind) if each is not type(None)]
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return StrEnum(name, {str(value): str(value) for value in parts})
+    if origin in (Union, types.UnionType):
+        kinds = [each for each in parts if each is not type(None)]
         return str if str in kinds else _plain(name, kinds[0])
-    if get_origin(kind) is not None and issubclass(get_origin(kind), Sequence) and get_origin(kind) is not tuple:
-        return list[str]
-    return kind
+    return list[str] if origin in (Sequence, list) else kind

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument
 
-from eadp.cli.output import emit, emit_json, usage_fault, warn
-from eadp.io.text.options import Flag
+from eadp.cli.output import emit, emit_json, warn
+from eadp.io.text.options import Flag, check_range
 from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 CHANGES = ("laps", "avoid", "inside", "terrain")
 """Options that change the plan, which other commands read through a pipe."""
-STAGE_SETTINGS = ("altitude_m", "airspeed_mps", "commands")
-"""Attributes of a stage that JSON has where they are set."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +90,8 @@ def command(
     from eadp.io.plan.writer import parameters_of, plan_text
 
     trace, plot = options.trace_m, options.plot
-    if trace is not None and not 0 < trace < math.inf:
-        message = "a step that is not above 0, or not finite"
-        raise usage_fault("--trace", f"{trace:g}", message, "metres, as in --trace 1")
+    if trace is not None:
+        check_range("--trace", trace, 0, math.inf)
     changes: dict[str, Any] = {name: getattr(options, name) for name in CHANGES}
     read = check_plan(file, min_radius_m=options.min_radius_m, **changes, geometry=options.check)
     plan, parameters = read.plan, parameters_of(read.plan, options.set_)
@@ -165,9 +162,8 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
         "origin_deg": site.origin_deg,
         "findings": [_finding(item) for item in findings],
     }
-    known = {"start_m": site.start_m, "field": site.field and site.field.summary}
-    known["camera"] = site.camera and site.camera._asdict()
-    result |= {key: value for key, value in known.items() if value is not None}
+    camera = site.camera and site.camera._asdict()
+    result |= _stated(start_m=site.start_m, field=site.field and site.field.summary, camera=camera)
     if plan.segments:
         result["segments"] = [
             {
@@ -183,10 +179,14 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
     return result
 
 
+def _stated(**values: Any) -> dict[str, Any]:
+    """Those that are known."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
 def _finding(finding: Finding) -> dict[str, Any]:
     always = {name: getattr(finding, name) for name in ("severity", "stage", "line", "code", "message")}
-    known = {"formula": finding.formula or None, "proven": finding.proven}
-    return always | {name: value for name, value in known.items() if value is not None}
+    return always | _stated(formula=finding.formula or None, proven=finding.proven)
 
 
 def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
@@ -199,13 +199,14 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
         "rotation_deg": stage.rotation_deg,
         "path": path.text,
         "kind": stage.kind,
-        "trigger": _point(plan, trigger) | ({} if stage.radius_m is None else {"radius_m": stage.radius_m}),
+        "trigger": _point(plan, trigger) | _stated(radius_m=stage.radius_m),
         "sets": [
             {"name": item.name, "kind": item.kind, "min": box.lo, "max": box.hi}
             for item, box in zip(plan.parameters, stage.sets, strict=False)
         ],
     }
-    return result | {key: value for key in STAGE_SETTINGS if (value := getattr(stage, key)) not in (None, ())}
+    commands = stage.commands or None
+    return result | _stated(altitude_m=stage.altitude_m, airspeed_mps=stage.airspeed_mps, commands=commands)
 
 
 def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:

@@ -10,7 +10,7 @@ from typer import Argument
 
 from eadp.cli.output import emit, emit_json, usage_fault
 from eadp.io.text.json import aligned
-from eadp.io.text.options import Flag
+from eadp.io.text.options import Flag, check_range
 from eadp.models.data_sheet import estimate
 from eadp.models.vehicle import FixedWing
 
@@ -53,10 +53,8 @@ def command(
     from eadp.api import vehicle as use_case
 
     computing, reserve = options.computing_w, options.reserve
-    if not 0 <= computing <= 1e6:
-        raise usage_fault("--computing", f"{computing:g}", "no power of computations", "from 0 to 1000000 W")
-    if not 0 <= reserve < 1:
-        raise usage_fault("--reserve", f"{reserve:g}", "no share of the charge", "0 or more, below 1")
+    check_range("--computing", computing, 0, 1e6, closed=True)
+    check_range("--reserve", reserve, 0, 1, closed=True)
     winds = _winds(options.wind)
     vehicle, found = use_case.vehicle(file, winds, computing_w=computing, reserve_soc=reserve)
     if options.plot:

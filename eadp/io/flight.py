@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from eadp.core.arrays import Column
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.io.scenario import Scenario, battery_keys
@@ -64,7 +65,7 @@ Account = list[tuple[str, str]]
 
 def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Account:
     """A flight for people, as commands and pages print it; how it ended has no label."""
-    power, decisions, endurance = summary["power_w"], summary["decisions"], summary["endurance"]
+    power, decisions, endurance_s = summary["power_w"], summary["decisions"], summary["endurance_s"]
     done = "completed" if summary["completed"] else "NOT completed"
     km = f"{summary['distance_m'] / 1000:.2f} km"
     energy = f"{summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W"
@@ -80,8 +81,8 @@ def account(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Accou
     if summary["turned_back_m"] is not None:
         x, y = summary["turned_back_m"]
         rows.append(("home", f"decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m"))
-    if endurance is not None and (time_s := endurance["flown"]["time_s"]) is not None:
-        rows.append(("endurance", f"{time_s / 60:.1f} min on a full battery, as flown"))
+    if endurance_s is not None:
+        rows.append(("endurance", f"{endurance_s / 60:.1f} min on a full battery, as flown"))
     rows += [(values.get("title") or name, parameter_text(values)) for name, values in summary["parameters"].items()]
     if summary["quality"] is not None:
         ends = "0: widest lines, lowest rates; 1: densest lines, full rates, to the end"
@@ -132,8 +133,7 @@ def _expected(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Acc
     """What was to be expected before take-off, with what is counted."""
     expected = summary["energy_forecast"]
     if expected is None:
-        past = summary["never_past"]
-        return [("forecast", f"finishes: 0 % sure, never past {past}")] if past else []
+        return []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
     times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
     left = expected["soc_end"]
@@ -201,7 +201,7 @@ def planned_lines(plan: Plan, parameters: Sequence[float]) -> list[Line]:
     return [(leg.start_m, leg.end_m) for leg in legs if covers[leg.stage.index - 1]]
 
 
-def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line]:
+def flown_lines(plan: Plan, columns: Mapping[str, Column]) -> list[Line]:
     """The paths flown on stages that cover ground; `columns` are those of `flight.csv`."""
     stages = np.array(columns["stage"], dtype=int)
     on_line = np.array(covering_stages(plan))[stages - 1]
@@ -211,7 +211,7 @@ def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line
     return [tuple(zip(x[a : b + 1], y[a : b + 1], strict=True)) for a, b in itertools.pairwise(ends) if on_line[a]]
 
 
-def flown_of_plan(columns: Mapping[str, Sequence[float]], turned_back_s: float | None) -> Mapping[str, Sequence[float]]:
+def flown_of_plan(columns: Mapping[str, Column], turned_back_s: float | None) -> Mapping[str, Column]:
     """The columns of `flight.csv` up to where the flight turned back for home [s], if it did."""
     if turned_back_s is None:
         return columns
@@ -219,7 +219,7 @@ def flown_of_plan(columns: Mapping[str, Sequence[float]], turned_back_s: float |
     return {name: values[:end] for name, values in columns.items()}
 
 
-def flown_coverage(plan: Plan, columns: Mapping[str, Sequence[float]]) -> float | None:
+def flown_coverage(plan: Plan, columns: Mapping[str, Column]) -> float | None:
     """The share of the plan's field that is covered; None where it has none or no swath, or the log is too coarse."""
     times = columns["time_s"]
     if plan.site.field is None or plan.site.swath_m is None or len(times) < 2 or max(np.diff(times)) > MAX_INTERVAL_S:

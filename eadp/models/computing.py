@@ -38,19 +38,11 @@ class Computing:
             return self.load_w
         return self.load_w + self.profile.power_w_at([values[i] for i in self.order])
 
-    def extreme(self, plan: Plan, end: str) -> tuple[float, dict[str, float]]:
-        """Power [W] and values by name of the computations at an end of their sets, `lo` or `hi`.
-
-        Of stages with different sets, the one with the least power at `lo`, or the largest at `hi`; not of those on
-        which no computation may run, unless that is all of them.
-        """
+    def min_power_w(self, plan: Plan) -> float:
+        """Least power [W] on any stage, but on those where no computation may run, unless that is all of them."""
         rho = self.path_count
         running = [stage.sets for stage in plan.stages if not all(box.inhibited for box in stage.sets[rho:])]
-        found = []
-        for sets in dict.fromkeys(running or [plan.stages[0].sets]):
-            values = tuple(float(getattr(box, end)) for box in sets)
-            found.append((self.power_w(values, sets), dict(zip(plan.names[rho:], values[rho:], strict=True))))
-        return (min if end == "lo" else max)(found, key=lambda one: one[0])
+        return min(self.power_w([box.lo for box in sets], sets) for sets in running or [plan.stages[0].sets])
 
     def levels(self, index: int, box: Box, *, measured: bool = False) -> tuple[float, ...]:
         """The values that computation `index` (from 0) may take within a set, lowest first; see `Profile.levels`."""

@@ -142,8 +142,6 @@ class HorizonSolution(NamedTuple):
         Their power [W].
     objective, bound : float
         Value of the levels, and a bound that no feasible levels exceed.
-    iterations : int
-        Iterations of OSQP; 0 where the last solution was kept.
     kept : bool
         Whether the last solution was proven to be optimal still, and OSQP did not run.
     battery_limit : str or None
@@ -154,7 +152,6 @@ class HorizonSolution(NamedTuple):
     chosen_w: FloatArray
     objective: float
     bound: float
-    iterations: int
     kept: bool
     battery_limit: str | None
 
@@ -176,11 +173,10 @@ class _Table(NamedTuple):
 
 
 class _Relaxed(NamedTuple):
-    """A solution of the QP: the mixtures, the multipliers of its power rows, and the iterations."""
+    """A solution of the QP: the mixtures, and the multipliers of its power rows."""
 
     z: FloatArray
     multipliers: FloatArray
-    iterations: int
 
 
 class _Mixture:
@@ -224,7 +220,7 @@ class _Mixture:
         z, each = last.z, self.size // self.steps
         if not self.shifts:
             return None
-        return _Relaxed(np.concatenate([z[each:], z[-each:]]), np.concatenate([last.multipliers[1:], [0.0]]), 0)
+        return _Relaxed(np.concatenate([z[each:], z[-each:]]), np.concatenate([last.multipliers[1:], [0.0]]))
 
     def solved(self, gain: FloatArray, rows: FloatArray, spare: FloatArray, last: _Relaxed | None) -> _Relaxed:
         """The solution of the QP near the last one: max gain·z subject to rows z ≤ spare, 0 ≤ z ≤ 1.
@@ -233,7 +229,7 @@ class _Mixture:
         With little charge this is small; without this scaling OSQP stalls.
         """
         if self.program is None:
-            return _Relaxed(np.zeros(0), np.zeros(self.steps), 0)
+            return _Relaxed(np.zeros(0), np.zeros(self.steps))
         shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
         reach = _between(np.minimum.reduce(shares), MIN_REACH)
         # z = reach · x; each row in units of its largest entry, the gain in units of its largest
@@ -244,7 +240,7 @@ class _Mixture:
         centre = np.zeros(self.size) if last is None else last.z / reach
         found = self.program.solve(gain / -largest, self._matrix, self._lower, upper, centre)
         multipliers = np.maximum(found.multipliers[self.size :], 0.0) * (largest / units)
-        return _Relaxed(_between(found.x * reach, 0.0), multipliers, found.iterations)
+        return _Relaxed(_between(found.x * reach, 0.0), multipliers)
 
 
 class Horizon:
@@ -402,7 +398,7 @@ class Horizon:
         objective = float(table.value.take(self._at + made).sum())
         limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, soc)
         chosen, chosen_w = self.choices[made], self.powers_w[made]
-        return HorizonSolution(chosen, chosen_w, objective, bound, found.iterations, kept, limit)
+        return HorizonSolution(chosen, chosen_w, objective, bound, kept, limit)
 
     def battery_limit(self, forecast: HorizonForecast) -> str | None:
         """The battery's limit of power that the levels of minimum power exceed at some step; None if they do not."""

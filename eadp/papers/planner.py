@@ -31,7 +31,6 @@ from eadp.planning.base import (
     KEPT,
     LOWERED,
     NOTHING_TO_CHOOSE,
-    SOC_JUMP,
     SOLVED,
     TIME,
     Decision,
@@ -56,6 +55,9 @@ LOOK_AHEAD_STEP_S = 1.0
 SAMPLES_PER_STEP = 10
 MAX_STEPS = 400
 """Maximum number of steps of a horizon; a longer period is planned for in part."""
+
+SOC_JUMP = 0.01
+"""Change of the state of charge between two readings that is a jump."""
 
 MAX_LOWERED = 1000
 """Maximum number of δ by which path parameters are lowered at once."""
@@ -188,7 +190,7 @@ class PaperPlanner(Planner):
             # α0 steps by Ω (c − c⁻): 002, Eq. 7
             self.power.shift_level(self._gained_w(path))
             self._flown_path = path
-        jumped = state.soc_before is not None and abs(o.soc - state.soc_before) > SOC_JUMP
+        jumped = self.power.soc_before is not None and abs(o.soc - self.power.soc_before) > SOC_JUMP
         if not self._laps_known() or o.time_s < self.own.start_after_s - 1e-9:
             return self._decision
         if jumped or o.time_s >= self._next_s - 1e-9:
@@ -251,7 +253,7 @@ class PaperPlanner(Planner):
 
     def _record(self, o: Observation, decided: Vector, status: str, reason: str) -> DecisionRecord:
         """A record without a run of the solver."""
-        return DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, status, 0, 0, None, reason)
+        return DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, status, 0, None, reason)
 
     def _found(
         self, o: Observation, decided: Vector, horizon: Horizon, forecast: HorizonForecast
@@ -272,9 +274,8 @@ class PaperPlanner(Planner):
             with suppress(Infeasible):
                 values, how = horizon.lowered(deltas, forecast)[0].tolist(), "lowered by δ"
             return values, None, self._record(o, decided, FALLBACK, f"{BY_FALLBACK}{how}: {error}")
-        record = self._record(o, decided, KEPT if solution.kept else SOLVED, "planned")._replace(
-            iterations=solution.iterations, gap=solution.gap, battery_limit=solution.battery_limit
-        )
+        record = self._record(o, decided, KEPT if solution.kept else SOLVED, "planned")
+        record = record._replace(gap=solution.gap, battery_limit=solution.battery_limit)
         return solution.chosen[0].tolist(), solution.chosen_w, record
 
     def _free(self, o: Observation) -> list[int]:

@@ -58,6 +58,8 @@ class PowerTracker:
         Time of the last lap, known before its readings are processed [s]; before the first one the estimator's period.
     computing_w : float
         Power of the computations in force [W].
+    soc_before : float or None
+        The gauge's reading before the last observation; None where that is the first.
     """
 
     own_settings: ClassVar[type] = EstimatorSettings
@@ -66,6 +68,8 @@ class PowerTracker:
         self._estimator = _estimator(settings, mission)
         self.lap_time_s = self._estimator.period_s
         self.laps, self.computing_w = 0, 0.0
+        self.soc_before: float | None = None
+        self._soc: float | None = None  # the gauge's last reading
         self._forecast_w = 0.0  # of the last reading
         self._plan, self._horizon_s, self._limit_w = mission.plan, horizon_s, max_reading_w(mission)
         self._lap_from_s = math.inf  # when the lap being flown started [s]; infinite before the first
@@ -79,11 +83,12 @@ class PowerTracker:
     def take(self, seen: Readings | Seen) -> None:
         """Take what the state of the flight takes: the stage and the lap are counted at once, the rest waits."""
         if isinstance(seen, Readings):
-            columns = (np.array(column, dtype=float).tolist() for column in (seen.times_s, seen.powers_w))
-            for time_s, power_w in zip(*columns, strict=True):
+            self._soc = float(seen.charges[-1])
+            for time_s, power_w in zip(seen.times_s.tolist(), seen.powers_w.tolist(), strict=True):
                 self._waiting.append((time_s, partial(self._observe, time_s, power_w, self.computing_w)))
             return
         o, self.computing_w = seen.observation, seen.computing_w
+        self.soc_before, self._soc = self._soc, o.soc
         self._through_gap |= o.through_gap
         if o.stages_started != seen.stages_before:
             self._count_lap(o)

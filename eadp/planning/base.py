@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 
 from annotated_types import Ge, Le, Len
 
-from eadp.core.arrays import Column, FloatArray, NotNegative, Reserve
+from eadp.core.arrays import FloatArray, NotNegative, Reserve
 from eadp.core.geometry.curves import Point
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import LIMITS
@@ -23,7 +23,6 @@ from eadp.models.plan.stage import Box
 from eadp.models.world import Mission
 from eadp.plug_ins import plug_in
 
-SOC_JUMP = 0.01
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 
@@ -169,16 +168,16 @@ class Observation(NamedTuple):
 class Readings(NamedTuple):
     """A batch of one or more consecutive sensor readings: power, charge, ground velocity, heading, airspeed.
 
-    Quantities are as in `Sample`, NaN where they are not measured.
+    Quantities are as in `Sample`, each an array of shape (n,), NaN where they are not measured.
     """
 
-    times_s: Column
-    powers_w: Sequence[float | None] | FloatArray
-    charges: Column
-    vx_mps: Column
-    vy_mps: Column
-    headings_rad: Column
-    airspeeds_mps: Column
+    times_s: FloatArray
+    powers_w: FloatArray
+    charges: FloatArray
+    vx_mps: FloatArray
+    vy_mps: FloatArray
+    headings_rad: FloatArray
+    airspeeds_mps: FloatArray
 
 
 class Decision(NamedTuple):
@@ -205,8 +204,6 @@ class Ending(NamedTuple):
         Time to it, and its standard deviation [s].
     energy_wh, energy_std_wh : float or None
         Energy to it, and its standard deviation [Wh].
-    available_wh : float or None
-        Energy in the battery above the reserve [Wh].
     soc_end, soc_end_std : float or None
         State of charge, negative by the shortfall of charge; and its standard deviation.
     completes_probability, reserve_probability : float or None
@@ -219,7 +216,6 @@ class Ending(NamedTuple):
     remaining_std_s: float | None = None
     energy_wh: float | None = None
     energy_std_wh: float | None = None
-    available_wh: float | None = None
     soc_end: float | None = None
     soc_end_std: float | None = None
     completes_probability: float | None = None
@@ -265,8 +261,8 @@ class DecisionRecord(NamedTuple):
     status : str
         `solved` by OSQP, `kept` because proven to be optimal still, `fallback` after failed runs, `closed form` where
         that was better, `infeasible`, or `nothing to choose`.
-    calls, iterations : int
-        Runs of OSQP, and iterations of the one that was used.
+    calls : int
+        Runs of OSQP.
     gap : float or None
         Relative distance of the solution to a bound that no solution exceeds; for `joint`, in units of U.
     reason : str
@@ -290,7 +286,6 @@ class DecisionRecord(NamedTuple):
     parameters: Vector
     status: str
     calls: int
-    iterations: int
     gap: float | None
     reason: str
     battery_limit: str | None = None

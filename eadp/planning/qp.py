@@ -74,13 +74,10 @@ class QpSolution(NamedTuple):
         The minimiser.
     multipliers : array, shape (rows,)
         Lagrange multipliers of the rows, positive at upper bounds.
-    iterations : int
-        Iterations of the run.
     """
 
     x: FloatArray
     multipliers: FloatArray
-    iterations: int
 
 
 QpData = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
@@ -170,7 +167,7 @@ class QuadraticProgram:
             self._extension.solve()
             info, found = self._extension.info, self._extension.solution
             # copies: OSQP may write its next solution into the same memory
-            solution = QpSolution(np.array(found.x), np.array(found.y), info.iter)
+            solution = QpSolution(np.array(found.x), np.array(found.y))
             # any other status: inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
             status = info.status
             if info.status_val == osqp.SolverStatus.OSQP_SOLVED:

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Protocol
 
 from eadp.core.geometry.curves import Point
-from eadp.errors import EadpError, printable
+from eadp.errors import EadpError, PathUndefined, printable
 from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
 from eadp.models.world import Mission, Step
 from eadp.planning.base import Decision, Observation, PlannerSettings, Readings, SolverReport, trade_off_faults
-from eadp.planning.forecast.held import Preflight, held_preflight
+from eadp.planning.forecast.held import HeldForecast, Preflight, before_take_off
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.queue import Seen
 from eadp.plug_ins import OWN, added_names, plug_in
@@ -94,7 +94,12 @@ class Planner:
 
         None if the plan cannot be flown in this wind.
         """
-        return held_preflight(settings, mission, wind_mps, gust_std_mps)
+        known = before_take_off(settings, mission, wind_mps, gust_std_mps)
+        try:
+            found = HeldForecast(settings, mission).evaluation(known, mission.parameters)
+        except PathUndefined:
+            return None
+        return Preflight.of(found, found.filled(), mission.parameters)
 
     @property
     def next_update_s(self) -> float:
@@ -152,17 +157,13 @@ class PlannedFlight:
     ----------
     planner : Planner
     state : FlightState
-    parameters : tuple of float
-        Those of take-off.
     power : PowerEstimator, optional
         For the log; by default the planner's, if it has one.
     """
 
-    def __init__(
-        self, planner: Planner, state: FlightState, parameters: Vector, power: PowerEstimator | None = None
-    ) -> None:
+    def __init__(self, planner: Planner, state: FlightState, power: PowerEstimator | None = None) -> None:
         self.planner, self.state, self.power = planner, state, planner.power or power
-        self.decision = Decision(parameters)
+        self.decision = Decision(planner.mission.parameters)
 
     def take(self, seen: Readings | Observation) -> Decision:
         """Take readings, or an observation, at which the planner is updated; return the decision that holds.
@@ -204,4 +205,4 @@ def make_flight(settings: PlannerSettings, mission: Mission, *, logged: bool = F
     planner = planner_class(settings.name)(settings, mission, settings.own)
     state = FlightState(mission, settings.weights, settings.estimator.every_s)
     power = plug_in("estimators", "power")(settings.estimator, mission) if logged and planner.power is None else None
-    return PlannedFlight(planner, state, mission.parameters, power)
+    return PlannedFlight(planner, state, power)

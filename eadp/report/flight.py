@@ -97,7 +97,8 @@ def write_page(flight: Flight, folder: Path) -> None:
     """Write the page of a flight into its result folder."""
     rows = [record_row(record, flight.inputs.mission.plan.names) for record in flight.decisions]
     inputs, table = flight.inputs, flight.estimate_rows
-    flown = FlownFlight(inputs.world, inputs.scenario, flight.summary, flight.lists, table, rows)
+    columns = {name: column.tolist() for name, column in flight.columns.items()}
+    flown = FlownFlight(inputs.world, inputs.scenario, flight.summary, columns, table, rows)
     (folder / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
 
 

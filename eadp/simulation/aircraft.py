@@ -7,8 +7,7 @@ They run in plain Python or compiled.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, MutableSequence, Sequence
-from typing import Any
+from collections.abc import MutableSequence, Sequence
 
 from eadp.core.expressions.derivatives import Jet
 from eadp.core.geometry.curves import Point
@@ -61,12 +60,17 @@ def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: flo
     ]
     c[MASS : CRUISE_M + 1] = [airframe.mass_kg, airframe.weight_n, airframe.cruise_altitude_m]
     c[SPEED_HELD] = airframe.airspeed_mps
-    set_constants = next(function for kind, function in _OWN_CONSTANTS.items() if isinstance(airframe, kind))
-    set_constants(c, airframe, step_s)
+    match airframe:  # of another package: as the class that it inherits from
+        case PaperVehicle():
+            _set_paper_constants(c, airframe)
+        case FixedWing():
+            _set_fixed_wing_constants(c, airframe, step_s)
+        case PowerCurve():
+            _set_power_curve_constants(c, airframe, step_s)
     return c
 
 
-def _set_paper_constants(c: State, airframe: PaperVehicle, step_s: float) -> None:
+def _set_paper_constants(c: State, airframe: PaperVehicle) -> None:
     """Set the constants of the papers' aircraft."""
     c[MODEL], c[HEIGHT_GAIN] = PAPER_MODEL, airframe.altitude_gain
     c[LIFT : WIND_LIFTS + 1] = [
@@ -114,14 +118,6 @@ def _set_aeroplane_constants(
         airframe.avionics_w,
         airframe.max_power_w,
     ]
-
-
-_OWN_CONSTANTS: dict[type, Callable[[Any, Any, float], None]] = {
-    PaperVehicle: _set_paper_constants,
-    FixedWing: _set_fixed_wing_constants,
-    PowerCurve: _set_power_curve_constants,
-}
-"""What sets a vehicle's own constants, by the class of its airframe, or the one that this inherits from."""
 
 
 def state_of(

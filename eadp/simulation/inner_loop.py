@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eadp.core import compiled
+from eadp.core.arrays import FloatArray
 from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.core.flight import level, replayed_soc
 from eadp.core.geometry.curves import Point
@@ -270,7 +271,7 @@ class InnerLoop:
         s[MIN_POWER], s[MAX_POWER] = math.inf, -math.inf
         s[SOC] = replayed_soc(battery.replay, 0.0) if battery.prescribed else battery.soc
         c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
-        readings, rows = self._zeros(READING * MAX_READINGS), self._zeros(ROW * MAX_ROWS)
+        readings, rows = (self._numbers([0.0] * count) for count in (READING * MAX_READINGS, ROW * MAX_ROWS))
         self._records = StepRecords(self._numbers([]), readings, rows)
         self._curve: GeneralCurve | None = None
         self._watch: Any = []
@@ -281,15 +282,11 @@ class InnerLoop:
         """Numbers as the function takes them: an array where it is compiled."""
         return np.array(values) if self._compiled else values
 
-    def _zeros(self, count: int) -> Any:
-        """A number of zeros, as the function takes numbers."""
-        return np.zeros(count) if self._compiled else [0.0] * count
-
     def set_records(self, every: int, late: int, log_every: int) -> None:
         """Set the steps between readings, from step 1 on, by which they are late, and between rows of the log."""
         self._s[READ_AT], self._s[LOG_AT] = 1, log_every
         self._c[READ_EVERY], self._c[LATE], self._c[LOG_EVERY] = every, late, log_every
-        self._records = self._records._replace(late=self._zeros(SNAPSHOT * (late + 1)))
+        self._records = self._records._replace(late=self._numbers([0.0] * (SNAPSHOT * (late + 1))))
 
     def set_loss(self, step: int, drop: float) -> None:
         """Set the next sudden loss of charge: its step, and its size as a state of charge."""
@@ -332,9 +329,7 @@ class InnerLoop:
         end = min(end, k + room * int(self._c[READ_EVERY]), k + MAX_ROWS * int(self._c[LOG_EVERY]))
         if self._compiled and self._curve is not None:
             return self._run_uncompiled(k, end)
-        constants = self._c, self._tables, self._records, self._curve
-        k, events = self._fly(self._s, self._watch, *constants, k, end)
-        return k, events
+        return self._fly(self._s, self._watch, self._c, self._tables, self._records, self._curve, k, end)
 
     def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:
         """Run along a general curve in plain Python, on the arrays of the compiled function."""
@@ -353,18 +348,17 @@ class InnerLoop:
         at = max(k - places, 0) % places * SNAPSHOT
         return Measured._make(map(float, self._records.late[at : at + SNAPSHOT]))
 
-    def take_readings(self, end: int) -> tuple[Any, Measured]:
+    def take_readings(self, end: int) -> tuple[FloatArray, Measured]:
         """Take the readings since the last call out of the loop: their steps, and columns of what was measured.
 
-        A reading of a step after `end` is dropped. Columns are arrays where the function is compiled, else lists.
+        A reading of a step after `end` is dropped.
         """
         count, flat = int(self._s[READINGS]), self._records.readings
         self._s[READINGS] = 0
         if count and flat[READING * (count - 1)] > end:
             count -= 1
-        flat = flat[: READING * count]
-        columns = flat.reshape(-1, READING).T.copy() if self._compiled else [flat[i::READING] for i in range(READING)]
-        return columns[0], Measured(*columns[1:])
+        steps, *measured = np.array(flat[: READING * count]).reshape(count, READING).T.copy()
+        return steps, Measured(*measured)
 
     @property
     def airspeed_commanded_mps(self) -> float:

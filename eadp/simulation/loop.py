@@ -5,7 +5,6 @@ from __future__ import annotations
 import bisect
 import itertools
 import math
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -23,7 +22,7 @@ from eadp.models.plan.pieces import piece_stages
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.world import Step, World
-from eadp.planning.base import Decision, DecisionRecord, Observation, Readings, Sample
+from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
 from eadp.planning.registry import PlannedFlight
 from eadp.simulation.aircraft import AIRSPEED, ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.inner_loop import (
@@ -37,7 +36,6 @@ from eadp.simulation.inner_loop import (
     SAGS,
     SOC,
     InnerLoop,
-    Measured,
 )
 from eadp.simulation.metrics import ParameterLog, SensorSuite
 
@@ -60,8 +58,6 @@ class Outcome:
     reason: str = ""
     duration_s: float = 0.0
     soc_final: float = 0.0
-    battery_limit: str | None = None
-    """Limit of the battery that ended the flight, or else the one that bound in most re-plannings."""
     energy_j: float = 0.0
     distance_m: float = 0.0
     power_min_w: float = math.inf
@@ -115,7 +111,7 @@ class _Flight:
         self._drops = _losses(world)
         self._loss_steps = list(self._drops)
         computing_w = world.mission.computing.power_w(executor.parameters, executor.stage.sets)
-        self._log = ParameterLog(world.mission.plan, executor.cursor, executor.joined_m, computing_w)
+        self._log = ParameterLog(world.mission.plan, executor.cursor, executor.joined_m)
         outcome.parameters = self._log
         self._inner_loop.start_stage(executor, computing_w)
         self._parameters = executor.parameters  # in force
@@ -228,14 +224,12 @@ class _Flight:
         if changed:
             return self._k + 1
         if due:
-            return max(self._k + 1, step_at(self._bridge.next_update_s, self._world.clock.step_s, end))
+            return max(self._k + 1, step_at(self._bridge.flight.planner.next_update_s, self._world.clock.step_s, end))
         return self._next_update
 
     def _decide(self) -> bool:
-        """Put the planner's new decision in force, or turn home; return whether that changes what is flown."""
-        decision = self._bridge.new_decision()
-        if decision is None:
-            return False
+        """Put the planner's decision in force, or turn home; return whether that changes what is flown."""
+        decision = self._bridge.flight.decision
         if decision.returns_home:
             self._outcome.turned_back_s, self._outcome.turned_back_m = self._time_s, self._pose()[:2]
             self._fly_home(RETURNED)
@@ -257,14 +251,14 @@ class _Flight:
         computing_w = self._world.mission.computing.power_w(executor.parameters, executor.stage.sets)
         self._inner_loop.start_stage(executor, computing_w)
         if self._home_as is not None:  # the plan was given up, or is over
-            self._log.give_up(time_s, executor.parameters, executor.stage.sets, computing_w)
+            self._log.give_up(time_s, executor.parameters, executor.stage.sets)
             return
         started, self._stages_started = executor.stages_started != self._stages_started, executor.stages_started
         self._plan_stage = executor.stage.index
-        self._log.change(time_s, executor.cursor, executor.joined_m if started else None, computing_w)
+        self._log.change(time_s, executor.cursor, executor.joined_m if started else None)
 
     def _failure(self, events: int) -> str:
-        """Reason of a flight's early end; a limit of the battery is noted in the outcome.
+        """Reason of a flight's early end.
 
         Raises
         ------
@@ -272,13 +266,12 @@ class _Flight:
             If the first path cannot be evaluated where the flight starts.
         """
         variable, battery = self._inner_loop.variable, self._world.mission.battery
-        if events & SAGS:
-            soc = variable(SOC)
-            self._outcome.battery_limit = limit = battery.limit_at(battery.voltage_at(soc))
         if events & EMPTY:
             return BATTERY_EMPTY
         if events & SAGS:
-            what = BATTERY_EMPTY if limit == CUT_OFF else "the battery cannot deliver"
+            soc = variable(SOC)
+            is_empty = battery.limit_at(battery.voltage_at(soc)) == CUT_OFF
+            what = BATTERY_EMPTY if is_empty else "the battery cannot deliver"
             return f"{what}: {battery.undeliverable(variable(POWER), soc)}"
         if self._k == 1:
             x, y = self._world.start.position_m
@@ -303,9 +296,6 @@ class _Flight:
         )
         if outcome.entries and outcome.completed:
             outcome.reason = outcome.entries[0].reason
-        # the limit that bound in most decisions
-        bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
-        outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
 
 
 def _home_plan(world: World, cursor: PlanCursor, pose: Pose) -> Plan:
@@ -327,13 +317,13 @@ def _home_plan(world: World, cursor: PlanCursor, pose: Pose) -> Plan:
 
 
 class _PlannerBridge:
-    """Between the inner loop and the planned flight: measurements there, decisions back, and rows of the log.
+    """Between the inner loop and the planned flight: measurements there, and rows of the log.
 
     The rows have what the flight estimates.
     """
 
     def __init__(self, world: World, flight: PlannedFlight, inner_loop: InnerLoop, outcome: Outcome) -> None:
-        self._step_s, self._flight = world.clock.step_s, flight
+        self._step_s, self.flight = world.clock.step_s, flight
         self._inner_loop = inner_loop
         self._ideal = world.sensors.ideal
         self._suite = SensorSuite(world.sensors, world.clock.step_s, np.random.default_rng([world.seed, 1]))
@@ -345,20 +335,6 @@ class _PlannerBridge:
         self._outcome = outcome
         self.logged_to = -1
         """The last step logged."""
-        self._decided = flight.decision  # the last decision given out
-
-    @property
-    def next_update_s(self) -> float:
-        """When the planner is due [s]."""
-        return self._flight.planner.next_update_s
-
-    def new_decision(self) -> Decision | None:
-        """The planner's decision, once; None where nothing was decided since."""
-        before, decision = self._decided, self._flight.decision
-        self._decided = decision
-        # the same objects: nothing was decided since
-        same = decision.parameters is before.parameters and decision.airspeeds_mps is before.airspeeds_mps
-        return None if same and not decision.returns_home else decision
 
     def update(self, k: int, executor: PlanExecutor) -> None:
         """Update the planner with an observation after step `k`; the readings before it are passed on first."""
@@ -370,7 +346,7 @@ class _PlannerBridge:
             k * self._step_s, position_m, power_w, soc, velocity_mps=velocity_mps, heading_rad=true.heading_rad
         )
         observation = Observation(sample, soc, executor.cursor, executor.joined_m, executor.stages_started)
-        before, decision = self._flight.decision, self._flight.take(observation)
+        before, decision = self.flight.decision, self.flight.take(observation)
         if decision.record is not None and decision.record is not before.record:
             self._outcome.records.append(decision.record)
 
@@ -382,8 +358,8 @@ class _PlannerBridge:
         self.ingest(k)
         self.logged_to = int(rows[-1][0])
         times_s = [row[0] * self._step_s for row in rows]
-        assert self._flight.power is not None
-        forecasts_w, estimates = self._flight.power.estimates(times_s)
+        assert self.flight.power is not None
+        forecasts_w, estimates = self.flight.power.estimates(times_s)
         self._outcome.estimates += estimates
         return [
             Step(time_s, stage, x, y, altitude, heading, power_w, forecast_w, soc, flown, commanded, parameters)
@@ -397,17 +373,13 @@ class _PlannerBridge:
         steps, columns = self._inner_loop.take_readings(k)
         if not len(steps):
             return
+        x_m, y_m, powers_w, charges, vx_mps, vy_mps, headings_rad = columns
         if not self._ideal:
-            if isinstance(steps, np.ndarray):  # to lists, in which a power may be None
-                steps, columns = steps.tolist(), Measured(*(column.tolist() for column in columns))
-            x, y, powers_w, charges, *_ = columns
-            for i, n in enumerate(map(int, steps)):
-                (x[i], y[i]), powers_w[i], charges[i] = self._suite.measured(n, x[i], y[i], powers_w[i], charges[i])
-        step_s = self._step_s
-        times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
-        airspeeds_mps = [math.nan] * len(times_s)  # not measured
-        # columns in the order of `Measured`, of which a planner gets no positions
-        self._flight.take(Readings(times_s, *columns[2:], airspeeds_mps))
+            for i, (step, *true) in enumerate(zip(steps, x_m, y_m, powers_w, charges, strict=True)):
+                _, power_w, charges[i] = self._suite.measured(int(step), *true)
+                powers_w[i] = math.nan if power_w is None else power_w
+        times_s, airspeeds_mps = steps * self._step_s, np.full(len(steps), math.nan)  # airspeeds are not measured
+        self.flight.take(Readings(times_s, powers_w, charges, vx_mps, vy_mps, headings_rad, airspeeds_mps))
 
 
 def step_at(time_s: float, step_s: float, max_step: int) -> int:

@@ -39,7 +39,7 @@ class _Event(NamedTuple):
 
 
 class ParameterLog:
-    """Parameters over time: means, changes, the quality U by ground, and the energy of computations.
+    """Parameters over time: means, changes, and the quality U by ground.
 
     Updated at new stages and changes only.
 
@@ -50,15 +50,11 @@ class ParameterLog:
         The first stage, and the parameters in force on it.
     joined_m : (float, float)
         Where it is joined [m].
-    computing_w : float
-        Power of the computations [W].
     """
 
-    def __init__(self, plan: Plan, cursor: PlanCursor, joined_m: Point, computing_w: float = 0.0) -> None:
+    def __init__(self, plan: Plan, cursor: PlanCursor, joined_m: Point) -> None:
         self._plan = plan
-        self.computing_j = 0.0
         self._since_s = 0.0  # the time up to which integrals are [s]; from there on these are in force:
-        self._computing_w = computing_w
         self._values, self._sets = cursor.parameters, plan.quality_sets[cursor.stage.index - 1]
         self.records = [ParameterRecord(value) for value in self._values]
         # of each parameter: time integral of c̃, its share of its set, and the time in which it had a choice [s]
@@ -68,16 +64,14 @@ class ParameterLog:
         self._ended_s: float | None = None  # when the plan was completed or given up
         self._short_of: tuple[Point, float] | None = None  # as given to `close`
 
-    def change(
-        self, time_s: float, cursor: PlanCursor, joined_m: Point | None = None, computing_w: float = 0.0
-    ) -> None:
+    def change(self, time_s: float, cursor: PlanCursor, joined_m: Point | None = None) -> None:
         """Record a new stage, joined at `joined_m` [m], or new parameters, from a time on [s]."""
-        self._set(time_s, cursor.parameters, self._plan.quality_sets[cursor.stage.index - 1], computing_w)
+        self._set(time_s, cursor.parameters, self._plan.quality_sets[cursor.stage.index - 1])
         self._events.append(_Event(time_s, cursor, joined_m))
 
-    def give_up(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float) -> None:
+    def give_up(self, time_s: float, parameters: Vector, sets: tuple[Box, ...]) -> None:
         """Record that the plan is given up at a time [s], for other parameters and sets; or that these change."""
-        self._set(time_s, parameters, sets, computing_w)
+        self._set(time_s, parameters, sets)
         self._ended_s = time_s if self._ended_s is None else self._ended_s
 
     def close(self, time_s: float, short_of: tuple[Point, float] | None = None) -> None:
@@ -86,19 +80,18 @@ class ParameterLog:
         self._ended_s = time_s if self._ended_s is None else self._ended_s
         self._short_of = short_of
 
-    def _set(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float) -> None:
-        """Integrate up to a time [s], and put parameters, sets and a power in force from there on."""
+    def _set(self, time_s: float, parameters: Vector, sets: tuple[Box, ...]) -> None:
+        """Integrate up to a time [s], and put parameters and sets in force from there on."""
         self._advance(time_s)
         for record, old, new in zip(self.records, self._values, parameters, strict=True):
             if new != old:
                 record.history.append((round(time_s, 6), new))
-        self._values, self._sets, self._computing_w = parameters, sets, computing_w
+        self._values, self._sets = parameters, sets
 
     def _advance(self, time_s: float) -> None:
         """Integrate what is in force up to a time [s]."""
         duration = time_s - self._since_s
         self._since_s = time_s
-        self.computing_j += self._computing_w * duration
         for i, value in enumerate(self._values):
             share = self._sets[i].share(value) if self._sets else None
             if share is not None:

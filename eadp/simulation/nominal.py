@@ -12,15 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.geometry.curves import CIRCLE, Point, tangent
-from eadp.core.guidance import GRAVITY_MPS2
+from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.plan import Finding, Plan
+from eadp.models.plan.plan import Finding
 from eadp.models.plan.route import OVERSHOOT_M, Route, follows
 from eadp.models.plan.stage import Leg, Stage
-from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
 from eadp.models.world import Excess
@@ -128,27 +126,10 @@ NAMED_M = 10.0
 """Distance from the path beyond which a turn is named [m]: how near to a waypoint PX4 has to be, by default."""
 MOST = 3
 """How many turns of a plan are named where a flight in wind leaves all of them: what mends one mends the others."""
-NEAR = 0.95
-"""Turns of so much of the least radius stay within `NAMED_M` of their paths without wind."""
 
 
-def is_tight(plan: Plan, turn_radius_m: float) -> bool:
-    """Whether a mission's plan has a turn that is clearly tighter than a radius [m], as one without room for it has."""
-    circles = [stage for stage in plan.stages if stage.kind == CIRCLE]
-    tracks = [stage.track(stage.path_at(()), stage.trigger_at(())) for stage in circles]
-    return any(track.radius_m() < NEAR * turn_radius_m for track in tracks)
-
-
-def calm_findings(plan: Plan, turn_radius_m: float) -> list[Finding]:
-    """As `overshoot_findings`, of the default aircraft with turns of a radius [m], without wind."""
-    bank_deg = math.degrees(math.atan(FixedWing.airspeed_mps**2 / (GRAVITY_MPS2 * turn_radius_m)))
-    airframe = replace(FixedWing(), max_bank_deg=bank_deg)
-    found = overshoots(nominal_route(plan, ()), airframe, Guidance(), (0.0, 0.0))
-    return overshoot_findings([*found.values()])
-
-
-def overshoot_findings(found: Sequence[Overshoot], most: int | None = None) -> list[Finding]:
-    """Warnings of the turns that are flown far off their paths, each item once; of more than `most`, the worst are
+def overshoot_findings(found: Sequence[Overshoot]) -> list[Finding]:
+    """Warnings of the turns that are flown far off their paths, each item once: of more than `MOST`, the worst are
     named, and the others counted."""
     by_label: dict[str, Finding] = {}
     for stage, (excess_s, _), off_m in sorted(found, key=lambda one: -one.off_m):
@@ -161,7 +142,7 @@ def overshoot_findings(found: Sequence[Overshoot], most: int | None = None) -> l
         message = f"{stage.label}: a turn tighter than the aircraft's: {flown}"
         by_label.setdefault(stage.label, Finding("warning", stage.index, stage.line, "overshoot", message))
     named, rest = list(by_label.values()), []
-    if most is not None and len(named) > most + 1:
-        message = f"{len(named) - most} more turns tighter than the aircraft's, each nearer to its path"
-        named, rest = named[:most], [replace(named[most], message=message)]
+    if len(named) > MOST + 1:
+        message = f"{len(named) - MOST} more turns tighter than the aircraft's, each nearer to its path"
+        named, rest = named[:MOST], [replace(named[MOST], message=message)]
     return sorted(named, key=lambda one: one.line) + rest

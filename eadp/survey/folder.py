@@ -204,7 +204,7 @@ def simulate_sorties(
         found: Mapping[str, Any] = summary["solver"]
         solver.update({key: found[key] for key in solver})
         planned += planned_lines(inputs.mission.plan, inputs.mission.parameters)
-        lines += flown_lines(inputs.mission.plan, flown_of_plan(flight.lists, summary["turned_back_s"]))
+        lines += flown_lines(inputs.mission.plan, flown_of_plan(flight.columns, summary["turned_back_s"]))
     field_m2, on_lines = sum(ground_m2(*part) for part in job.parts), strips(job.parts, planned, job.swath_m)
     places = uncovered(on_lines, lines, job.swath_m, SLIVER_SHARE * job.swath_m)
     left = [LeftGround(rings, ground_m2(*rings), inner_point(*rings)) for rings in places]

@@ -243,7 +243,7 @@ class SortiePlanner:
     def _min_count(self, sample: FlightInputs, division: Division) -> int:
         """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
         motion, world, heading_rad = self.task.motion, sample.world, self.heading_rad
-        computing_w, _ = world.mission.computing.extreme(world.mission.plan, "lo")
+        computing_w = world.mission.computing.min_power_w(world.mission.plan)
         power_w, battery = world.mission.vehicle.cruise_power_w + computing_w, world.mission.battery
         kept_s = battery.endurance_s(power_w, sample.scenario.keys.reserve_soc)
         pack_s = kept_s - battery.endurance_s(power_w, battery.soc)

@@ -21,6 +21,7 @@ from eadp.core.compiled import enable, enabled
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.streams import read_text
+from eadp.plug_ins import code_identity
 from eadp.simulation.loop import Outcome, fly
 from eadp.sweep.engines import Engine, Result, Run, open_engine
 from eadp.sweep.results import Results, SweepFlight
@@ -42,6 +43,15 @@ class FlyRun:
         self._keep = keep
         self._fast = fast
         self._warm = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "code": code_identity()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        sent_by = state.pop("code")
+        if sent_by != code_identity():  # other code's flights may differ
+            raise EadpError(f"it has {code_identity()}, and the sender {sent_by}")
+        vars(self).update(state)
 
     def __call__(self, run: Run) -> Result:
         """Fly; any error is in the result."""

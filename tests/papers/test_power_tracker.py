@@ -27,8 +27,8 @@ KINDS = [EstimatorSettings(), EstimatorSettings(kind="published")]
 
 def readings(times_s, powers_w):
     """A batch of readings of the power."""
-    zeros = [0.0] * len(times_s)
-    return Readings(times_s, powers_w, [1.0] * len(times_s), zeros, zeros, zeros, zeros)
+    others = np.zeros((5, len(times_s)))
+    return Readings(np.array(times_s, dtype=float), np.array(powers_w, dtype=float), *others)
 
 
 def seen(time_s, power_w, started=1, fps=10.0):

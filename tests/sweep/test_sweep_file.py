@@ -225,10 +225,8 @@ def test_what_is_set_in_every_run_is_not_varied(folder, key):
 
 
 def test_another_versions_work_is_refused(folder, monkeypatch):
-    import eadp.api.inputs as module
-
     pickled = pickle.dumps(FlyRun(sweep_of(written(folder, "plan: line.plan\n")).kept))
-    monkeypatch.setattr(module, "code_identity", lambda: "eadp 99")
+    monkeypatch.setitem(FlyRun.__setstate__.__globals__, "code_identity", lambda: "eadp 99")
     with pytest.raises(EadpError, match=r"it has eadp 99, and the sender eadp 0"):
         pickle.loads(pickled)
 

@@ -89,7 +89,6 @@ class Envelopes:
         self._table = EnvelopeTable(np.zeros((0, 1)), np.zeros((0, 1)))
         # a leg table, and the group of each of its rows
         self._of_rows: tuple[LegTable | None, IntArray] = (None, np.zeros(0, dtype=np.intp))
-        self._extremes_w = np.zeros((0, 2))
 
     def __getitem__(self, kind: int) -> Configurations:
         return self._envelopes[kind]
@@ -125,9 +124,7 @@ class Envelopes:
 
     def extremes_w(self) -> FloatArray:
         """Least and greatest power of each group [W], shape (groups, 2)."""
-        if len(self._extremes_w) < len(self._groups):
-            self._extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in self._groups])
-        return self._extremes_w
+        return np.array([(group.powers_w[0], group.powers_w[-1]) for group in self._groups])
 
     def kinds(self, groups: IntArray, room_w: FloatArray, truncated: BoolArray) -> IntArray:
         """Number of the envelope of each leg: of all configurations of its group, or where truncated of those that fit.

@@ -188,15 +188,3 @@ def before_take_off(settings: PlannerSettings, mission: Mission, wind_mps: Point
     state = FlightState(mission, settings.weights)
     state.assume(wind_mps, gust_std_mps)
     return state.known(0.0, mission.start_m or (0.0, 0.0))
-
-
-def held_preflight(
-    settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
-) -> Preflight | None:
-    """Forecast before take-off with the parameters of take-off held; None where the plan cannot be flown."""
-    known = before_take_off(settings, mission, wind_mps, gust_std_mps)
-    try:
-        found = HeldForecast(settings, mission).evaluation(known, mission.parameters)
-    except PathUndefined:
-        return None
-    return Preflight.of(found, found.filled(), mission.parameters)

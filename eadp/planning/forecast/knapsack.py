@@ -43,12 +43,6 @@ class Knapsack(NamedTuple):
         """State of charge beyond minimum power, shape (places,)."""
         return self.available - self.base_use
 
-    @property
-    def efficiency(self) -> FloatArray:
-        """Gain per charge, shape (legs, steps): infinite without use."""
-        ratio: FloatArray = np.full(self.use.shape, np.inf)
-        return np.divide(self.gain, self.use, out=ratio, where=self.use > 0)
-
     def filling(self, shares: FloatArray) -> Filling:
         """The filling that takes shares of the increments, shape (legs, steps): their use and value are summed."""
         count = len(self.base_use)
@@ -84,9 +78,11 @@ class Filling(NamedTuple):
 
 def fill_greedy(knapsack: Knapsack) -> Filling:
     """The optimal filling at every place: increments in descending order of gain per charge, the last one in part."""
-    # increments of all legs in a row, by place, the most efficient first
-    use, place = knapsack.use.ravel(), np.repeat(knapsack.place, knapsack.use.shape[1])
-    order = np.lexsort((-knapsack.efficiency.ravel(), place))
+    # increments of all legs in a row, by place, the most efficient first: those that take no charge before all others
+    use, gain = knapsack.use.ravel(), knapsack.gain.ravel()
+    place = np.repeat(knapsack.place, knapsack.use.shape[1])
+    efficiency = np.divide(gain, use, out=np.full(len(use), np.inf), where=use > 0)
+    order = np.lexsort((-efficiency, place))
     use, place = use[order], place[order]
     # use of all increments before each one in the row; and, of each place, use of all increments before its first
     before = use.cumsum() - use

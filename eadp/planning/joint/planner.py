@@ -63,9 +63,6 @@ still large."""
 BETTER = 0.1
 """Standard deviations of the final charge by which a plan has to be less short to be another one."""
 
-GAUGE_DISBELIEVED = "; the gauge does not fall with the power: disbelieved, the charge is the integral of the power"
-"""Warning in the reason of a decision."""
-
 SAME_VALUE = 1e-3
 """A quality that is less by so much is as great: a faster pace is taken for it."""
 
@@ -390,14 +387,10 @@ class JointPlanner(Planner):
         found = kept
         if not (feasible and best.value <= threshold):
             found = self._plan(known, best.shares, pace_mps) or kept
-            if kept and found and not best.feasible and not self._less_short(kept, found.evaluation.shortfall):
-                found = kept
+            if kept and found and not best.feasible:
+                clearly_less = kept.evaluation.shortfall - BETTER * float(kept.evaluation.std[0])
+                found = found if found.evaluation.shortfall <= clearly_less else kept
         return found and found._replace(in_reach=search.in_reach)
-
-    def _less_short(self, kept: Candidate, shortfall: float) -> bool:
-        """Whether a shortfall of charge is less than the shortfall of the plan in force, by more than rounding."""
-        std = float(kept.evaluation.std[0])
-        return shortfall <= kept.evaluation.shortfall - BETTER * std
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
         """Whether to search the path: at first, when charge was lost, newly short, or of another value.
@@ -472,17 +465,10 @@ class JointPlanner(Planner):
         reason = with_limit(self._reason(known, plan, chosen, searched=searched), limit)
         if solution.status == FALLBACK:
             reason += f"; {BY_FALLBACK}closed form: OSQP failed"
-        if not known.charge.believed:
-            reason += GAUGE_DISBELIEVED
         ending = plan.evaluation.forecast(solution.filling)
         returns_home, home = self._way_home(o.time_s, plan, ending)
         if returns_home:
             reason = TURNS_BACK + reason
-        elif home.home_by_s is not None and home.point_of_no_return_s is not None and not solution.feasible:
-            reason += f"; home can wait {home.point_of_no_return_s - o.time_s:.0f} s"
-        b = self.mission.battery
-        floor = max(plan.evaluation.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
-        available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         record = DecisionRecord(
             time_s=o.time_s,
             cause=cause,
@@ -491,11 +477,10 @@ class JointPlanner(Planner):
             parameters=chosen,
             status=solution.status,
             calls=self.report.calls - calls,
-            iterations=solution.iterations,
             gap=solution.gap,
             reason=reason,
             battery_limit=limit,
-            ending=ending._replace(available_wh=available_wh, quality_forecast=solution.value),
+            ending=ending._replace(quality_forecast=solution.value),
             wind_mps=known.wind.mps,
             home=home,
             airspeed_mps=None if plan.pace_mps is None else plan.airspeeds_mps[o.stage - 1],

@@ -92,7 +92,7 @@ class Policy:
         powers_w = envelope.powers_w
         # numbers of the envelope's vertices, from 0: `held` is in force; the sustained power lies between `below` and
         # the next one
-        held = int(np.clip(np.searchsorted(powers_w, now_w + 1e-9, side="right") - 1, 0, len(powers_w) - 1))
+        held = _at_or_below(powers_w, now_w)
         chosen, lasts_s = 0, math.inf  # of an infeasible plan: minimum power
         if solution.feasible:
             below, share = _vertex(powers_w, sustained_w(evaluation, kind, solution))
@@ -117,14 +117,19 @@ class Policy:
         return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 
-def _vertex(powers_w: np.ndarray, target_w: float) -> tuple[int, float]:
+def _at_or_below(powers_w: FloatArray, target_w: float) -> int:
+    """Number of the vertex at or below a power [W], from 0; of the first where none is."""
+    return max(int(np.searchsorted(powers_w, target_w + 1e-9, side="right")) - 1, 0)
+
+
+def _vertex(powers_w: FloatArray, target_w: float) -> tuple[int, float]:
     """Number of the vertex at or below a power [W], from 0, and the power's share of the way to the next vertex.
 
     Where the power is at the last vertex or above, the last vertex but one, with a share of 1 or more.
     """
-    below = int(np.clip(np.searchsorted(powers_w, target_w + 1e-9, side="right") - 1, 0, max(len(powers_w) - 2, 0)))
     if len(powers_w) == 1:
         return 0, 0.0
+    below = min(_at_or_below(powers_w, target_w), len(powers_w) - 2)
     return below, float((target_w - powers_w[below]) / (powers_w[below + 1] - powers_w[below]))
 
 

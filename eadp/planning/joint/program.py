@@ -48,15 +48,12 @@ class Solution(NamedTuple):
         Of one place.
     status : str
         As in `DecisionRecord`.
-    iterations : int
-        Iterations of OSQP.
     gap : float or None
         How much greater the closed form's value is.
     """
 
     filling: Filling
     status: str
-    iterations: int = 0
     gap: float | None = None
 
     @property
@@ -109,10 +106,10 @@ class ComputationProgram:
         use, gain = knapsack.use.ravel()[variable], knapsack.gain.ravel()[variable]
         spare = max(float(knapsack.spare[0]), 0.0)
         # repeated around the last solution until it is as good as the closed form
-        x, iterations = np.full(len(variable), 0.5), 0
+        x = np.full(len(variable), 0.5)
         try:
             for _ in range(1 + RECENTRED):
-                x, multiplier, iterations = self._solved(gain, use, spare, x)
+                x, multiplier = self._solved(gain, use, spare, x)
                 shares = closed.shares.copy()
                 shares.ravel()[variable] = _exact(gain, use, spare, x, multiplier)
                 filling = knapsack.filling(shares)
@@ -125,13 +122,11 @@ class ComputationProgram:
         self._report.gaps.append(gap)
         if gap > OUTDONE:
             self._report.closed_form_better += 1
-            return Solution(closed, CLOSED_FORM, iterations, gap)
-        return Solution(filling, SOLVED, iterations, gap)
+            return Solution(closed, CLOSED_FORM, gap)
+        return Solution(filling, SOLVED, gap)
 
-    def _solved(
-        self, gain: FloatArray, use: FloatArray, spare: float, centre: FloatArray
-    ) -> tuple[FloatArray, float, int]:
-        """One run of OSQP: the shares x, the multiplier of the charge, and the iterations.
+    def _solved(self, gain: FloatArray, use: FloatArray, spare: float, centre: FloatArray) -> tuple[FloatArray, float]:
+        """One run of OSQP: the shares x, and the multiplier of the charge.
 
             max gain·x − ½ε|y − y_centre|²  subject to  use·x ≤ spare,  0 ≤ x ≤ 1,  y being x scaled by use
 
@@ -158,7 +153,7 @@ class ComputationProgram:
         lower[0], upper[0], upper[1 : real + 1] = -UNBOUNDED, room, scale[:real]
         solution = self._qp.solve(-slope / usual, matrix, lower, upper, start)
         multiplier = max(float(solution.multipliers[0]), 0.0) * usual / mean_use
-        return (solution.x / scale)[:real], multiplier, solution.iterations
+        return (solution.x / scale)[:real], multiplier
 
 
 def _exact(gain: FloatArray, use: FloatArray, spare: float, x: FloatArray, multiplier: float) -> FloatArray:

@@ -218,18 +218,16 @@ class FlightState:
         updates only the charge, and the wind is estimated by measured airspeeds alone.
         """
         on_plan = o is None or o.on_plan
-        times_s = np.asarray(readings.times_s, dtype=float)
+        times_s, airspeeds_mps = readings.times_s, readings.airspeeds_mps
         before_s = float(times_s[0]) if self._last_s is None else self._last_s
         steps_s = np.diff(times_s, prepend=before_s)
         if self._last_s is not None and not steps_s.any():
             return
         self._last_s = float(times_s[-1])
-        read_w = _numbers(readings.powers_w)
-        powers_w = self._gate.ingest(times_s, read_w, self._place.computing_w, on_plan=on_plan)
+        powers_w = self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan)
         if on_plan and self._climb is not None:  # the take-off is over
             self._climb.climb = self._climb.climb._replace(take_off_j_per_m=0.0)
         # measured airspeeds; the commanded airspeed where none is measured, or the one measured cannot be true
-        airspeeds_mps = _numbers(readings.airspeeds_mps)
         ratios = airspeeds_mps / self._mission.cruise_mps
         possible = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
         flown_mps = self._airspeed.follow(self._commanded_mps, steps_s)
@@ -244,10 +242,10 @@ class FlightState:
         climb_w, level_mps = self._follow_climb(steps_s, flown_mps)
         climb_mps = self._take_altitude(o, float(steps_s.sum()))
         airspeeds_mps = np.where(possible, airspeeds_mps, level_mps)
-        vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
-        if not on_plan:  # the airspeed is another than commanded
-            vx = np.where(possible, vx, math.nan)
-        self._wind.ingest(WindReadings(vx, vy, headings, steps_s, airspeeds_mps), self._last_s)
+        # where the plan is not flown, the airspeed is another than commanded
+        vx_mps = readings.vx_mps if on_plan else np.where(possible, readings.vx_mps, math.nan)
+        velocities = WindReadings(vx_mps, readings.vy_mps, readings.headings_rad, steps_s, airspeeds_mps)
+        self._wind.ingest(velocities, self._last_s)
         if on_plan:
             # the power of a measured climb is a term of the regression; that of a commanded one is subtracted before
             beside_w = self._place.computing_w + (climb_w if climb_mps is None else 0.0)
@@ -256,7 +254,7 @@ class FlightState:
             self._motion.ingest(steady_w, beside_w, steps, self._place.slope, climb_mps or 0.0, flown_mps)
         # over a long gap the charge is drained by the power before it
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
-        self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
+        self._charge.ingest(readings.charges, drain_powers_w, steps_s, measured=on_plan)
 
     @property
     def _commanded_mps(self) -> float:
@@ -293,11 +291,6 @@ class FlightState:
     def now(self) -> Observation:
         """The last observation."""
         return self._queue.now
-
-    @property
-    def soc_before(self) -> float | None:
-        """The gauge's reading before the last observation; None where that is the first."""
-        return self._queue.soc_before
 
     @property
     def every_s(self) -> float:
@@ -364,7 +357,6 @@ class FlightState:
                 filtered=self._charge.ahead,
                 gain_std=gain_std,
                 gain_from=gain_from,
-                believed=self._charge.belief.believed,
                 lost_std=self._voltage.lost_std,
                 losses=self._charge.belief.losses,
             ),
@@ -487,23 +479,11 @@ class _Place:
 def _with_reading(before: Readings | None, sample: Sample) -> Readings:
     """Readings with a sample as one more; as they are where the sample is no later than the last of them."""
     # a measured wind is not estimated from the velocity, too
-    vx, vy = (None, None) if sample.velocity_mps is None or sample.wind_mps is not None else sample.velocity_mps
-    one = Readings(
-        times_s=_numbers([sample.time_s]),
-        powers_w=_numbers([sample.power_w]),
-        charges=_numbers([sample.soc]),
-        vx_mps=_numbers([vx]),
-        vy_mps=_numbers([vy]),
-        headings_rad=_numbers([sample.heading_rad]),
-        airspeeds_mps=_numbers([sample.airspeed_mps]),
-    )
+    velocity_mps = (None, None) if sample.velocity_mps is None or sample.wind_mps is not None else sample.velocity_mps
+    one = sample.time_s, sample.power_w, sample.soc, *velocity_mps, sample.heading_rad, sample.airspeed_mps
+    numbers = np.array(one, dtype=float)  # in the order of `Readings`, NaN for None
     if before is None:
-        return one
+        return Readings(*numbers[:, None])
     if before.times_s[-1] >= sample.time_s:
         return before
-    return Readings(*(np.append(_numbers(old), _numbers(new)) for old, new in zip(before, one, strict=True)))
-
-
-def _numbers(column: object) -> FloatArray:
-    """A column as an array, NaN for None."""
-    return np.array(column, dtype=float)
+    return Readings(*map(np.append, before, numbers))

@@ -35,8 +35,6 @@ class ReadingQueue:
     ----------
     now : Observation
         The last observation; there is none before the first.
-    soc_before : float or None
-        The gauge's reading before it; None where it is the first.
     next_reading_s : float
         From when the next reading may be taken [s].
     """
@@ -46,15 +44,12 @@ class ReadingQueue:
     def __init__(self, every_s: float) -> None:
         self.every_s, self.next_reading_s = every_s, -math.inf
         self.stages_started = 1
-        self.soc_before: float | None = None
-        self._soc: float | None = None
         self._waiting: list[Readings | Seen] = []
 
     def ingest(self, readings: Readings) -> None:
         """Take a batch of readings; they wait."""
         self._waiting.append(readings)
         self.next_reading_s = float(readings.times_s[-1]) + self.every_s
-        self._soc = float(readings.charges[-1])
 
     def observe(self, o: Observation, computing_w: float) -> Seen:
         """Take an observation, beside the power of the computations [W]: its stage is counted, the rest of it waits."""
@@ -63,7 +58,7 @@ class ReadingQueue:
         self.stages_started = o.stages_started
         if seen.is_reading:
             self.next_reading_s = o.time_s + self.every_s
-        self.now, self.soc_before, self._soc = o, self._soc, o.soc
+        self.now = o
         return seen
 
     def take(self) -> list[Readings | Seen]:

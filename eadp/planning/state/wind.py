@@ -88,7 +88,7 @@ class HeadingGate:
         self._unjudged_s = 0.0
         """Time of readings since the last judgement [s]."""
 
-    def ingest(self, readings: WindReadings, wind: WindFilter | None = None) -> WindReadings:
+    def ingest(self, readings: WindReadings, wind: WindFilter) -> WindReadings:
         """Judge headings by a batch of readings; return it as it is used for the wind.
 
         Its headings are all NaN where they are disbelieved after this batch. `wind` starts again from the wind without
@@ -119,18 +119,16 @@ class HeadingGate:
         self._sums = fade * moments + (weights * columns) @ columns.T, fade * of_wind + implied @ weights
         return float(self._sums[1][0])
 
-    def _judge(self, fit: _Fit, passed_s: float, airspeed_mps: float, wind: WindFilter | None) -> None:
+    def _judge(self, fit: _Fit, passed_s: float, airspeed_mps: float, wind: WindFilter) -> None:
         """Set `disbelieved` by a fit, `passed_s` [s] after the last judgement; restart `wind` where it becomes so."""
         square = airspeed_mps**2
         # scatter and mean of the implied wind, as multiples of their limits
         scatter = fit.scatter / max(MAX_SCATTER * square, MAX_GUSTS * fit.residual)
         speed = math.hypot(*fit.implied_mps) / (MAX_WIND * airspeed_mps)
         if not self.disbelieved:
-            self.disbelieved = scatter > 1 or speed > 1
-            if self.disbelieved:
-                self._fits_s = 0.0
-                if wind is not None:
-                    wind.restart(fit.circle_mps, WIND_STD_MPS)
+            if scatter > 1 or speed > 1:
+                self.disbelieved, self._fits_s = True, 0.0
+                wind.restart(fit.circle_mps, WIND_STD_MPS)
             return
         # disbelieved: believed again once it has fit for RESTORE_S; time without a turn shows nothing
         fits = scatter < RESTORE_SHARE and speed < RESTORE_SHARE

@@ -99,11 +99,10 @@ def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_p
     assert json.loads(json_form.out)["energy_forecast"] == told
 
 
-def test_the_endurance_by_computations(eadp, line_plan):
-    summary = json.loads(eadp("simulate", PLAN, "--scenario", SCENARIO, "--format", "json", *SHORT).out)["endurance"]
-    low, flown, high = (summary[key]["time_s"] / 60 for key in ("lowest", "flown", "highest"))
-    assert summary["gain_min_per_h"] == pytest.approx(60 * (low / high - 1))
-    assert f"endurance  {flown:.1f} min on a full" in eadp("simulate", PLAN, "--scenario", SCENARIO, *SHORT).out
+def test_the_endurance(eadp, line_plan):
+    summary = json.loads(eadp("simulate", PLAN, "--scenario", SCENARIO, "--format", "json", *SHORT).out)
+    flown = f"endurance  {summary['endurance_s'] / 60:.1f} min on a full"
+    assert flown in eadp("simulate", PLAN, "--scenario", SCENARIO, *SHORT).out
     assert " min on a full battery, as flown\n" in eadp("simulate", line_plan).out
 
 

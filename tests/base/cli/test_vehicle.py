@@ -87,7 +87,7 @@ def test_all_powers_of_the_text_count_the_computations(eadp):
         (("scenarios/survey.yaml",), "scenarios/survey.yaml:4:1"),
         ((WING, "--wind", "5,x"), "--wind:1:1"),
         ((WING, "--computing", "nan"), "--computing:1:1"),
-        ((WING, "--reserve", "1"), "--reserve:1:1"),
+        ((WING, "--reserve", "1.5"), "--reserve:1:1"),
     ],
 )
 def test_bad_input(eadp, arguments, where):

@@ -64,15 +64,13 @@ def test_a_configuration_measured_together_still_needs_its_zero():
         join_profile(plan("%: computations fps, keysize\n", "[2, 10]\n[32, 448]\n", "[2, 10]\n[0, 0]\n"), GRID)
 
 
-def test_the_ends_of_the_sets():
-    computing = join_profile(plan("", "[2, 10]\n", "[4, 6]\n"), ONE)
+def test_the_least_power():
     made = plan("", "[2, 10]\n", "[4, 6]\n")
-    assert computing.extreme(made, "lo") == (4.0, {"c1": 2.0})
-    assert computing.extreme(made, "hi") == (8.0, {"c1": 10.0})
+    assert join_profile(made, ONE).min_power_w(made) == 4.0
     off = plan("", "[0, 0]\n", "[4, 6]\n")
-    assert join_profile(off, ONE).extreme(off, "lo") == (5.0, {"c1": 4.0}), "not the stage on which it may not run"
+    assert join_profile(off, ONE).min_power_w(off) == 5.0, "not the stage on which it may not run"
     none = plan("", "[0, 0]\n")
-    assert join_profile(none, None).extreme(none, "hi") == (0.0, {"c1": 0.0})
+    assert join_profile(none, None).min_power_w(none) == 0.0
 
 
 @pytest.mark.parametrize("sets", ["", "[0, 0]\n[0, 0]\n"])

@@ -108,17 +108,9 @@ def test_quality_of_one_leg_is_the_mean_share():
     assert log.paper_metric(0.0) is None
 
 
-def test_the_energy_of_computations_is_power_by_time():
-    log = ParameterLog(PLAN, cursor_at(0.0, 10.0), START, computing_w=9.0)
-    log.change(10.0, cursor_at(0.0, 2.0), None, 5.0)
-    log.change(15.0, cursor_at(0.0, 2.0), None, 0.0)
-    log.close(40.0)
-    assert log.computing_j == pytest.approx(9 * 10 + 5 * 5)
-
-
 def test_time_without_a_choice_is_left_out():
     log = ParameterLog(PLAN, cursor_at(0.0, 10.0), START)
-    log.give_up(10.0, (0.0, 0.0), (Box(-1000, 0), Box(0, 0)), 0.0)
+    log.give_up(10.0, (0.0, 0.0), (Box(-1000, 0), Box(0, 0)))
     log.close(50.0)
     assert log.mean_share(1) == 1.0
     assert log.mean(1) == pytest.approx(2.0), "the mean of the value counts all the time"

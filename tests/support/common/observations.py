@@ -36,7 +36,7 @@ class Piloted(PlannedFlight):
         mission, settings = planner.mission, planner.settings
         power = PowerTracker(settings.estimator, mission)
         state = FlightState(mission, settings.weights, settings.estimator.every_s)
-        super().__init__(planner, state, mission.parameters, power)
+        super().__init__(planner, state, power)
 
     def __getattr__(self, name):
         return getattr(self.planner, name)

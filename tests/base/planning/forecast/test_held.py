@@ -10,7 +10,7 @@ import pytest
 from common.forecasts import CALM, survey_inputs
 
 from eadp.planning.base import Ending
-from eadp.planning.forecast.held import HeldForecast, before_take_off, held_preflight
+from eadp.planning.forecast.held import HeldForecast, before_take_off
 from eadp.planning.registry import Planner
 from eadp.simulation.loop import Outcome, fly
 
@@ -150,7 +150,7 @@ def test_a_preflight_is_the_held_forecast_before_take_off():
     inputs = survey_inputs("static", **{"parameters.c1": -700.0})
     settings, mission = inputs.scenario.planner, inputs.mission
     wind_mps, gusts = (3.0, -2.0), 1.0
-    expected = held_preflight(settings, mission, wind_mps, gusts)
+    expected = Planner.preflight(settings, mission, wind_mps, gusts)
     known = before_take_off(settings, mission, wind_mps, gusts)
     assert expected.forecast == HeldForecast(settings, mission).at(known, mission.parameters)
     assert [*expected.parameters] == [*mission.plan.names]
@@ -175,6 +175,6 @@ def test_other_computations_are_held_too():
 def test_a_plan_that_cannot_be_flown_has_no_forecast():
     inputs = survey_inputs("static")
     settings, mission = inputs.scenario.planner, inputs.mission
-    assert held_preflight(settings, mission, (40.0, 0.0), 0.0) is None
+    assert Planner.preflight(settings, mission, (40.0, 0.0), 0.0) is None
     known = before_take_off(settings, mission, (40.0, 0.0), 0.0)
     assert HeldForecast(settings, mission).at(known, mission.parameters) is None

@@ -58,7 +58,8 @@ def disbelieved_at(v, headings, airspeed, batch=1, step_s=1.0, gate=None):
     for k in range(0, len(v), batch):
         part = slice(k, k + batch)
         count = len(v[part])
-        gate.ingest(WindReadings(v.real[part], v.imag[part], headings[part], [step_s] * count, [airspeed] * count))
+        readings = WindReadings(v.real[part], v.imag[part], headings[part], [step_s] * count, [airspeed] * count)
+        gate.ingest(readings, WindFilter())
         if gate.disbelieved:
             return k * step_s
     return None
@@ -104,7 +105,8 @@ def test_a_heading_is_believed_again_when_it_has_fitted_for_long():
     gate = HeadingGate()
     assert disbelieved_at(v, heading + math.pi / 2, airspeed, gate=gate) is not None
     for k in range(len(v)):
-        headings = gate.ingest(WindReadings([v.real[k]], [v.imag[k]], [heading[k]], [1.0], [airspeed])).headings_rad
+        readings = WindReadings([v.real[k]], [v.imag[k]], [heading[k]], [1.0], [airspeed])
+        headings = gate.ingest(readings, WindFilter()).headings_rad
         if not gate.disbelieved:
             break
         assert math.isnan(headings[0])
@@ -123,7 +125,7 @@ def test_what_is_not_measured_is_no_evidence():
     nothing = [math.nan] * 40
     for velocity, headings in ((nothing, [0.0] * 40), ([15.0] * 40, nothing)):
         readings = WindReadings(velocity, velocity, headings, [1.0] * 40, [15.0] * 40)
-        assert gate.ingest(readings) is readings
+        assert gate.ingest(readings, WindFilter()) is readings
     assert not gate.disbelieved
 
 
