@@ -52,10 +52,11 @@ def summarise(
     outcome: Outcome,
     settings: PlannerSettings,
     expected: Preflight | None = None,
+    never_past: str = "",
 ) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
-    `settings` are the planner's; `expected` is the forecast before take-off.
+    `settings` are the planner's; `expected` is the forecast before take-off, `never_past` as of `FlightInputs`.
     """
     log, report = outcome.parameters, flight.planner.report
     parameters: dict[str, dict[str, Any]] = {}
@@ -105,6 +106,7 @@ def summarise(
             "max_ms": max(report.solve_ms, default=None),
         },
         "energy_forecast": None if expected is None else forecast_values(expected),
+        "never_past": never_past or None,
         "seed": world.seed,
     }
 
@@ -277,7 +279,7 @@ def fly_flight(
     for step in fly(inputs.world, planned, outcome=flown):
         steps.append(step)
         on_step(step)
-    summary = summarise(inputs.world, planned, flown, inputs.scenario.planner, expected)
+    summary = summarise(inputs.world, planned, flown, inputs.scenario.planner, expected, inputs.never_past)
     flight = Flight(inputs, summary, steps, flown.records, overrides, flown.estimates)
     plan = inputs.mission.plan
     if steps and plan.site.field is not None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from eadp.api.given import File
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import FARTHEST_M
 from eadp.errors import EadpError, Fault, InputError, PathUndefined, refuse
 from eadp.io.energy import energy_yaml, parse_energy
 from eadp.io.plan.sources import PlanReader, is_mission
@@ -109,6 +110,8 @@ class FlightInputs:
     scenario: Scenario
     warnings: tuple[Fault, ...]
     sources: Mapping[str, Text]
+    never_past: str = ""
+    """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
 
     @property
     def mission(self) -> Mission:
@@ -229,7 +232,8 @@ def load_flight(
     if stated_m is not None and home_m is not None and home_m > stated_m:
         message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
         warnings.append(replace(setting.fault("home.altitude_m", message, "a higher one"), severity="warning"))
-    inputs = FlightInputs(world, setting, tuple(warnings), sources)
+    never_past = next((one.stage.label for one in overshot if math.isinf(one.excess.seconds)), "")
+    inputs = FlightInputs(world, setting, tuple(warnings), sources, never_past)
     decides = getattr(setting.planner.own, "airspeed", HELD) != HELD
     return inputs if decides else inputs.at_one_airspeed()
 
@@ -295,7 +299,13 @@ def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point
     vehicle, home_m = scenario.keys.vehicle.airframe, scenario.position_m("home", plan.site.origin_deg)
     home_m = home_m or plan.site.home_m
     airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan.stages, vehicle)))
+    first_m = plan.stages[0].trigger_at(parameters)
     for key, point in (("start", start_m), ("home", home_m)):
+        if point is not None and (far_m := math.dist(point, first_m)) > FARTHEST_M:
+            message = f"the {key} is {far_m / 1000:.0f} km from the plan's first trigger"
+            raise InputError(
+                scenario.fault(key, message, f"a place of the plan, at most {FARTHEST_M / 1000:g} km away")
+            )
         if point is not None and not airspace.admits(point):
             message = f"the {key} ({point[0]:g}, {point[1]:g}) lies in an obstacle or beyond the boundary"
             raise InputError(scenario.fault(key, message, "another place, or obstacles: ignore"))

@@ -133,7 +133,8 @@ def _expected(summary: Mapping[str, Any], scenario: Scenario, plan: Plan) -> Acc
     """What was to be expected before take-off, with what is counted."""
     expected = summary["energy_forecast"]
     if expected is None:
-        return []
+        past = summary["never_past"]
+        return [("forecast", f"finishes: 0 % sure, never past {past}")] if past else []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
     times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
     left = expected["soc_end"]

@@ -39,6 +39,7 @@ def test_a_loss_is_no_rate():
     assert not any(line["returns_home"] for line in decisions)
     for line in short:
         waits_s = line["point_of_no_return_s"] - line["time_s"]
+        assert f"; home can wait {waits_s:.0f} s" in line["reason"]
         assert waits_s > 60
         assert line["point_of_no_return_s"] < line["home_by_s"]
         assert line["home_reachable"]

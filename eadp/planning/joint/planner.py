@@ -60,6 +60,9 @@ WARM_UP_S = 5.0
 """No decision before this time, from take-off and since the plan is reached [s]: the variance of wind and power is
 still large."""
 
+GAUGE_DISBELIEVED = "; the gauge does not fall with the power: disbelieved, the charge is the integral of the power"
+"""Warning in the reason of a decision."""
+
 BETTER = 0.1
 """Standard deviations of the final charge by which a plan has to be less short to be another one."""
 
@@ -466,9 +469,13 @@ class JointPlanner(Planner):
         if solution.status == FALLBACK:
             reason += f"; {BY_FALLBACK}closed form: OSQP failed"
         ending = plan.evaluation.forecast(solution.filling)
+        if not known.charge.believed:
+            reason += GAUGE_DISBELIEVED
         returns_home, home = self._way_home(o.time_s, plan, ending)
         if returns_home:
             reason = TURNS_BACK + reason
+        elif home.home_by_s is not None and home.point_of_no_return_s is not None and not solution.feasible:
+            reason += f"; home can wait {home.point_of_no_return_s - o.time_s:.0f} s"
         record = DecisionRecord(
             time_s=o.time_s,
             cause=cause,

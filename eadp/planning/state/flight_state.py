@@ -357,6 +357,7 @@ class FlightState:
                 filtered=self._charge.ahead,
                 gain_std=gain_std,
                 gain_from=gain_from,
+                believed=self._charge.belief.believed,
                 lost_std=self._voltage.lost_std,
                 losses=self._charge.belief.losses,
             ),

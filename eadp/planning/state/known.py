@@ -106,6 +106,8 @@ class ChargeKnown(NamedTuple):
         State of the filter: the charge, and how the power drains it.
     gain_std, gain_from : float
         Standard deviation of the gauge's gain, and the charge from which on it counts.
+    believed : bool
+        Whether the gauge is.
     lost_std : float
         Standard deviation of the charge that the voltage shows to be lost.
     losses : int
@@ -115,6 +117,7 @@ class ChargeKnown(NamedTuple):
     filtered: Charge
     gain_std: float
     gain_from: float
+    believed: bool
     lost_std: float
     losses: int
 

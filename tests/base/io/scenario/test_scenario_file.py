@@ -141,6 +141,9 @@ def test_start_and_home_are_latitudes_and_longitudes_too(line):
         ),
         ("home", {"lat_deg": 91, "lon_deg": 10.4}, "home.lat_deg cannot be 91"),
         ("home", {"lat_deg": 55.37, "lon_deg": -169.57}, "too far from the plan's origin"),
+        # of a grid
+        ("home", {"position_m": [578000, 6147000]}, "the home is 6174 km from the plan's first trigger"),
+        ("start", {"position_m": [0, 200000]}, "the start is 200 km from the plan's first trigger"),
     ],
 )
 def test_places_that_are_none_are_refused(line, key, value, words):

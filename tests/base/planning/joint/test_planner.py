@@ -21,9 +21,8 @@ from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
 from eadp.models.world import Mission
 from eadp.planning.base import SHORT, PlannerSettings
-from eadp.planning.joint.planner import JUMPED, JointPlanner, JointSettings
+from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, JointPlanner, JointSettings
 from eadp.planning.joint.policy import SETTLED_S
-from eadp.planning.state.flight_state import GAUGE_STUCK
 from eadp.simulation.loop import Outcome, fly
 
 RESERVE = 0.05
@@ -229,9 +228,11 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
 
     state.ingest = lambda r: ingest(r._replace(charges=[shown(soc) for soc in r.charges]))
     state.observe = lambda o: observe(measured(o, soc=shown(o.soc)))
-    warned = {step.time_s: GAUGE_STUCK in state.warnings for step in fly(inputs.world, flight, outcome)}
-    assert warned[max(warned)] == stuck
-    assert not any(is_warned for time_s, is_warned in warned.items() if time_s < 60)
+    for _ in fly(inputs.world, flight, outcome):
+        pass
+    last = outcome.records[-1]
+    assert last.reason.endswith(GAUGE_DISBELIEVED) == stuck
+    assert not any(r.reason.endswith(GAUGE_DISBELIEVED) for r in outcome.records if r.time_s < 60)
     assert state.soc == pytest.approx(outcome.soc_final, abs=0.01)
     assert outcome.soc_final < held - 0.09
 

@@ -122,6 +122,7 @@ def test_it_knows_the_flight():
     assert known.motion.level_w < mean_w + 0.5
     assert known.motion.level_w == pytest.approx(mean_w, rel=0.15)
     assert known.joined.stages_started == 1 + len([1 for a, b in itertools.pairwise(steps) if a.stage != b.stage])
+    assert known.charge.believed
     assert known.climb is None
 
 
