@@ -166,7 +166,6 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
         "findings": [_finding(item) for item in findings],
     }
     known = {"start_m": site.start_m, "field": site.field and site.field.summary}
-    known["camera"] = site.camera and site.camera._asdict()
     result |= {key: value for key, value in known.items() if value is not None}
     if plan.segments:
         result["segments"] = [
@@ -280,7 +279,6 @@ def _items(plan: Plan) -> list[str]:
 def _table(plan: Plan) -> str:
     """A plan as a text table."""
     from eadp.core.expressions.tree import number_text
-    from eadp.models.plan.structure import structure_proven
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
@@ -288,10 +286,7 @@ def _table(plan: Plan) -> str:
         return "\n".join([*lines, *items])
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
-        lines.append(f"laps       are alike but for the shift: {'proven' if structure_proven(plan) else 'sampled'}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
-    if (camera := plan.site.camera) is not None:
-        lines.append(f"camera     {camera.text}")
     for i, item in enumerate(plan.parameters):
         what = f"{item.kind}{' ' + item.title if item.title else ''}{' [' + item.unit + ']' if item.unit else ''}"
         if item.stands_for is not None:

@@ -16,7 +16,6 @@ from eadp.errors import InputError, one_of, printable
 from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import STRICT, keys_document, validated, without_nulls
-from eadp.models.plan.plan import SurveyCamera
 from eadp.survey.features import NAME_LIMIT
 
 MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
@@ -290,13 +289,6 @@ class Pictures(NamedTuple):
         """Above the ground [m]."""
         assert self.shot.altitude_m is not None
         return self.shot.altitude_m
-
-    @property
-    def of_plan(self) -> SurveyCamera:
-        """What the plan carries of them."""
-        pixel_cm = self.shot.pixel_cm
-        rounded_cm = None if pixel_cm is None else round(pixel_cm, 6)
-        return SurveyCamera(self.shot.camera or "", round(self.altitude_m, 3), rounded_cm)
 
     def lines(self) -> list[str]:
         """A summary for people, line by line."""

@@ -332,7 +332,7 @@ class CoverageTask:
             name=self.file,
             computations=_computations(self.profile, options.turns_off),
             min_radius_m=motion.min_radius_m,
-            site=self._site(field, heights, pictures),
+            site=self._site(field, heights),
             altitude_m=altitude_m,
             commands=self._commands(heights),
         )
@@ -376,7 +376,7 @@ class CoverageTask:
         on_and_off = None if distance_m is None else (_trigger(distance_m), _trigger(0.0))
         return PlanCommands(on_and_off, takeoff, ending)
 
-    def _site(self, field: Field, heights: Heights | None, pictures: Pictures | None) -> Site:
+    def _site(self, field: Field, heights: Heights | None) -> Site:
         """What the plan carries of its mission."""
         given = field.airspace if heights is None else heights.profile.ground.airspace
         obstacles = tuple(each._replace(outline=_millimetres(each.outline)) for each in given.obstacles)
@@ -391,7 +391,6 @@ class CoverageTask:
             home_m=None if self.home_m is None else _millimetres((self.home_m,))[0],
             airspace=Airspace(obstacles, tuple(map(_millimetres, given.boundary))),
             made_for=MadeFor(self.vehicle, motion.airspeed_mps, round(wind_mps, 3), round(from_deg, 1) % 360),
-            camera=None if pictures is None else pictures.of_plan,
             ground_m=None if heights is None else heights.profile.ground.zero_m,
             home_altitude_m=None if heights is None or self.home_m is None else heights.home_altitude_m,
             clearance_m=self.options.clearance_m,

@@ -142,8 +142,6 @@ def test_the_camera_goes_with_the_sorties(eadp, tmp_path):
     assert document["pictures"] == pytest.approx(600 * 400 / (30 * 10), rel=0.15)
     said = "camera     mine from 50 m: pictures of 60.0 m across; 1 cm a pixel; one each 10.0 m, forward overlap 75 %; "
     assert f"{said}{document['pictures']} in all" in text
-    for row in document["sorties"]:
-        assert library.read_plan(out / row["plan"]).site.camera == ("mine", 50, 1)
 
 
 @pytest.mark.slow

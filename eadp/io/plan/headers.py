@@ -16,7 +16,7 @@ from eadp.core.expressions.tree import number_text
 from eadp.core.geometry.curves import Point
 from eadp.errors import ExpressionError, PathUndefined, printable
 from eadp.models.airspace import CLEARANCE_M, Obstacle
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, MadeFor, Plan, SurveyCamera
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, MadeFor, Plan
 from eadp.models.plan.stage import Box, Title
 
 _HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
@@ -26,7 +26,6 @@ _HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
 NO_HEIGHT = "none"
 _CORNERS = "0,0 100,0 100,50"
 _MADE_FOR = re.compile(r"(.*?) ?airspeed (\S+) wind (\S+?),? (\S+)\Z")
-_CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
 
 LARGEST = 1e9
 RADIUS: tuple[str, Callable[[float], bool]] = ("a radius above 0 m", lambda value: value > 0)
@@ -159,27 +158,12 @@ def _origin(text: str) -> tuple[float, float]:
     return latitude, longitude
 
 
-def _named_numbers(pattern: re.Pattern[str], largest: float, message: str, expected: str, text: str) -> list[Any]:
-    """A name, then numbers."""
-    found = pattern.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
-    name, *words = found.groups() if found else ("",)
-    values = _floats(" ".join(word for word in words if word is not None))
-    if not values or not all(abs(value) <= largest for value in values):
-        raise ExpressionError(0, message, expected)
-    return [name, *values]
-
-
 def _made_for(text: str) -> MadeFor:
-    expected = "like survey wing airspeed 15 wind 6 270"
-    return MadeFor(*_named_numbers(_MADE_FOR, 1e4, "no aircraft, airspeed and wind", expected, text))
-
-
-def _camera(text: str) -> SurveyCamera:
-    message, expected = "no camera, altitude and pixel size", "like Sony a6000 20 mm altitude 102.1 gsd 2"
-    name, altitude_m, *rest = _named_numbers(_CAMERA, 1e5, message, expected, text)
-    if min(altitude_m, *rest, 1.0) <= 0:
-        raise ExpressionError(0, message, expected)
-    return SurveyCamera(name, altitude_m, rest[0] if rest else None)
+    found = _MADE_FOR.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
+    values = _floats(" ".join(found.groups()[1:])) if found else ()
+    if not found or not values or not all(abs(value) <= 1e4 for value in values):
+        raise ExpressionError(0, "no aircraft, airspeed and wind", "like survey wing airspeed 15 wind 6 270")
+    return MadeFor(found[1], *values)
 
 
 def _ring(text: str) -> tuple[Point, ...]:
@@ -234,12 +218,6 @@ def _title_text(title: Title) -> str:
 def _made_for_text(made: MadeFor) -> str:
     name = f"{made.vehicle} " if made.vehicle else ""
     return f"{name}airspeed {number_text(made[1])} wind {_texts(made[2:])}"
-
-
-def _camera_text(camera: SurveyCamera) -> str:
-    name = f"{camera.name} " if camera.name else ""
-    size = "" if camera.gsd_cm is None else f" gsd {number_text(camera.gsd_cm)}"
-    return f"{name}altitude {number_text(camera.altitude_m)}{size}"
 
 
 def _field_lines(plan: Plan) -> Iterator[str]:
@@ -301,7 +279,6 @@ HEADERS: dict[str, Header] = dict(
         ("avoid", Header(_obstacle, _obstacle_lines)),
         ("inside", Header(lambda text: _polygon(text.split(), _CORNERS), _boundary_lines)),
         _one("made-for", "site.made_for", _made_for, _made_for_text),
-        _one("camera", "site.camera", _camera, _camera_text),
         _metres("ground", "site.ground_m", _ABOVE_SEA),
         _metres("height", "site.height_m", _ABOVE_SEA),
     ]

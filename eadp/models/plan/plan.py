@@ -84,24 +84,6 @@ class MadeFor(NamedTuple):
         return f"{self.vehicle} at {speed}" if self.vehicle else f"an aircraft at {speed}"
 
 
-class SurveyCamera(NamedTuple):
-    """The pictures that a path was made for: a camera by name, the altitude above ground [m], the size of a pixel [cm].
-
-    The name is '' and the size None where they are not known.
-    """
-
-    name: str
-    altitude_m: float
-    gsd_cm: float | None
-
-    @property
-    def text(self) -> str:
-        """For people."""
-        name = f"{self.name} " if self.name else ""
-        size = "" if self.gsd_cm is None else f", {self.gsd_cm:.2g} cm a pixel"
-        return f"{name}from {self.altitude_m:.4g} m{size}"
-
-
 class Site(NamedTuple):
     """Where a plan is, what it covers and what it keeps to, as far as that is known.
 
@@ -120,7 +102,6 @@ class Site(NamedTuple):
     airspace : Airspace
         Obstacles and boundary.
     made_for : MadeFor or None
-    camera : SurveyCamera or None
     ground_m : float or None
         Height of the ground above the sea where altitudes are 0 [m], of a plan that follows the ground.
     home_altitude_m : float or None
@@ -138,7 +119,6 @@ class Site(NamedTuple):
     home_m: Point | None = None
     airspace: Airspace = EVERYWHERE
     made_for: MadeFor | None = None
-    camera: SurveyCamera | None = None
     ground_m: float | None = None
     home_altitude_m: float | None = None
     height_m: float | None = None

@@ -506,25 +506,3 @@ def test_headers_of_stages_hold_from_the_next_stage_on_and_are_written_back():
     assert written.count("%: altitude") == 3
     # stages that differ in altitude are no laps
     assert not plan.whole_laps
-
-
-@pytest.mark.parametrize(
-    ("header", "camera"),
-    [
-        ("Sony a6000 20 mm altitude 102.1 gsd 2", ("Sony a6000 20 mm", 102.1, 2.0)),
-        ("altitude 80", ("", 80.0, None)),
-        ("one with an altitude 5 altitude 80 gsd 1.25", ("one with an altitude 5", 80.0, 1.25)),
-    ],
-)
-def test_the_camera_comes_back(header, camera):
-    text = f"%: camera {header}\n0.05; 270; x+115\n-115, 11\n"
-    plan, findings = read_plan(Text("given", text))
-    assert plan.site.camera == camera
-    assert findings == []
-    assert read_plan(Text("again", plan_text(plan)))[0].site.camera == camera
-
-
-@pytest.mark.parametrize("header", ["Sony", "altitude high", "altitude nan", "altitude 80 gsd -1"])
-def test_a_camera_without_an_altitude_is_none(header):
-    with pytest.raises(InputError, match="1:11: error: no camera, altitude and pixel size"):
-        read_plan(Text("given", f"%: camera {header}\n0.05; 270; x+115\n-115, 11\n"))

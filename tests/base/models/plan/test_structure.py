@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
-from eadp.models.plan.structure import structure_proven
 
 
 def plan(text):
@@ -124,29 +123,3 @@ def test_generated_laps(n, laps, dx, dy, random):
     share = found.primitive_stages / n
     assert [part.at() for part in found.shift] == pytest.approx([dx * share, dy * share], abs=1e-6)
     assert read_plan(Text("q", plan_text(found)))[0].primitive_stages == found.primitive_stages
-
-
-@pytest.mark.parametrize("laps", [2, 7])
-def test_structure_is_proven_where_it_is_small(laps, root, reference):
-    assert structure_proven(read_plan(read_text(str(reference / "plans/plan_specification.pln")))[0])
-    assert structure_proven(plan(survey(laps))[0])
-    assert structure_proven(read_plan(read_text(str(root / "plans/survey.plan")))[0])
-
-
-def test_structure_is_not_proven_where_the_stages_differ_by_less_than_the_sampling_sees():
-    text = survey(2, spacing="10", rise="1", sets="")
-    assert structure_proven(plan(text)[0])
-    first, second = text.rsplit("(x - 1*(10) - sqrt", 1)
-    slightly = f"{first}(x + 1e-12 - 1*(10) - sqrt{second}"
-    found = plan(slightly)[0]
-    assert found.primitive_stages == 4
-    assert not structure_proven(found)
-
-
-def test_structure_of_the_short_form_holds_in_every_lap():
-    text = "init:\nn = 1\na = 0, 10\npath:\n0.1; 90; {path}\na, 100\ntrig:\n100, 100\n"
-    assert structure_proven(plan(text.format(path="x - a"))[0])
-    # the second lap's line is the first one's moved, the third one's is not
-    later = plan(text.format(path="x - a*(1 + a*(a - 10)/1000)"))[0]
-    assert later.repeats
-    assert not structure_proven(later)
