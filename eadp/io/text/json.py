@@ -73,10 +73,13 @@ class JsonReader:
 
     def document(self) -> Any:
         """The value that the text is."""
-        value, i = self._value(self._skip(0), 1)
-        if i < len(self.body):
-            raise self._fail(i, "the end of the file")
-        return value
+        try:
+            json.JSONDecoder(parse_int=_whole).decode(self.body)  # whether it is JSON
+        except json.JSONDecodeError as error:
+            raise self._error(error.pos, f"is not JSON: {error.msg[:1].lower() + error.msg[1:]}") from None
+        except RecursionError:
+            raise self._error(0, f"nested deeper than {NESTING_LIMIT} levels") from None
+        return self._value(self._skip(0), 1)[0]
 
     def _skip(self, i: int) -> int:
         match = _SPACE.match(self.body, i)
@@ -86,58 +89,46 @@ class JsonReader:
     def _error(self, i: int, message: str, expected: str = "") -> InputError:
         return self.source.error(self.source.location(i), message, expected)
 
-    def _fail(self, i: int, expected: str) -> InputError:
-        found = printable(self.body[i : i + 1]) if i < len(self.body) else "the end of the file"
-        return self._error(i, f"is not JSON: {found} cannot stand here", expected)
-
     def _value(self, i: int, depth: int) -> tuple[Any, int]:
         """The value at an offset, and the offset of what follows it and the blanks after it."""
         if depth > NESTING_LIMIT:
             raise self._error(i, f"nested deeper than {NESTING_LIMIT} levels")
-        c = self.body[i : i + 1]
+        c = self.body[i]
         if c == "[" and (position := _POSITION.match(self.body, i)):  # most lists of a file
             place = tuple(float(number) for number in position.groups() if number)
             if all(map(math.isfinite, place)):
                 return place, self._skip(position.end())
-        if c in ("[", "{"):
-            value: JsonList | JsonObject = JsonList() if c == "[" else JsonObject()
-            return value, self._skip(self._members(i, depth, value))
+        if c == "[":
+            return self._list(self._skip(i + 1), depth)
+        if c == "{":
+            return self._object(self._skip(i + 1), depth)
         try:
             scalar, end = self._scalar(self.body, i)
         except _NotFinite as error:
             raise self._error(i, f"{error} is no number of JSON", "a finite number") from None
-        except json.JSONDecodeError as error:
-            if c != '"':
-                raise self._fail(i, "a value") from None
-            message = f"is not JSON: {printable(error.msg[:1].lower() + error.msg[1:])}"
-            raise self._error(error.pos, message, "a string in quotes") from None
         return scalar, self._skip(end)
 
-    def _members(self, i: int, depth: int, into: JsonList | JsonObject) -> int:
-        """Read the members of a list or an object that begins at an offset; return that of what follows it."""
-        close, i = "]" if isinstance(into, JsonList) else "}", self._skip(i + 1)
-        if self.body[i : i + 1] == close:
-            return i + 1
-        while True:
-            if isinstance(into, JsonList):
-                into.offsets.append(i)
-                value, i = self._value(i, depth + 1)
-                into.append(value)
-            else:
-                if self.body[i : i + 1] != '"':
-                    raise self._fail(i, "a key in quotes")
-                key, after = self._value(i, depth)
-                if key in into:
-                    raise self._error(i, f"the key {printable(key, 80)} stands twice", "each key once")
-                if self.body[after : after + 1] != ":":
-                    raise self._fail(after, "a colon")
-                into.offsets[key] = i = self._skip(after + 1)
-                into[key], i = self._value(i, depth + 1)
-            if self.body[i : i + 1] == close:
-                return i + 1
-            if self.body[i : i + 1] != ",":
-                raise self._fail(i, f"a comma or {close}")
-            i = self._skip(i + 1)
+    def _list(self, i: int, depth: int) -> tuple[JsonList, int]:
+        """The list whose elements begin at an offset, and what follows it as `_value`."""
+        found = JsonList()
+        while self.body[i] != "]":
+            found.offsets.append(i)
+            value, i = self._value(i, depth + 1)
+            found.append(value)
+            i = self._skip(i + 1) if self.body[i] == "," else i
+        return found, self._skip(i + 1)
+
+    def _object(self, i: int, depth: int) -> tuple[JsonObject, int]:
+        """The object whose members begin at an offset, and what follows it as `_value`."""
+        found = JsonObject()
+        while self.body[i] != "}":
+            key, colon = self._value(i, depth)
+            if key in found:
+                raise self._error(i, f"the key {printable(key, 80)} stands twice", "each key once")
+            found.offsets[key] = i = self._skip(colon + 1)
+            found[key], i = self._value(i, depth + 1)
+            i = self._skip(i + 1) if self.body[i] == "," else i
+        return found, self._skip(i + 1)
 
 
 def json_lines(text: Text, *, whole: bool = False) -> list[dict[str, Any]]:
