@@ -39,6 +39,7 @@ from eadp.io.vehicle import (
     airframe_faults,
     battery_faults,
     given_twice,
+    replaced,
     vehicle_class,
     vehicle_of,
     with_sheet,
@@ -536,23 +537,12 @@ def _put(document: Document, key: str, value: Any) -> None:
             target[part] = {}
         target = target[part]
     target[parts[-1]] = value
-    for other in REPLACED.get(".".join(parts[-2:]), ()) if value is not None else ():
+    for other in replaced(key) if value is not None else ():
         target.pop(other, None)
     path = tuple(parts)
     for known in [place for place in document.places if place[: len(path)] == path]:
         del document.places[known]
     document.overrides[path] = f"--set {key}"
-
-
-REPLACED = {
-    "wind.from_deg": ("towards_deg", "profile"),
-    "wind.towards_deg": ("from_deg", "profile"),
-    "wind.speed_mps": ("profile",),
-    "wind.profile": ("speed_mps", "from_deg", "towards_deg"),
-    "battery.voltage_v": ("cells", "chemistry"),
-    "battery.cells": ("voltage_v", "voltage_empty_v"),
-}
-"""Keys that an override of another one removes: two ways to give one thing."""
 
 
 def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
