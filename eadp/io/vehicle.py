@@ -147,7 +147,7 @@ def given_twice(document: Document, value: Any, at: Path = ()) -> list[Fault]:
     """What is given in both ways of `BESIDE`, below a path."""
     faults = []
     for section, ways in BESIDE.items():
-        keys = value.get(section) if isinstance(value, dict) else None
+        keys: Any = value.get(section) if isinstance(value, dict) else None
         for way in ways if isinstance(keys, dict) else ():
             one, other = (next((key for key in names if keys.get(key) not in (None, [])), "") for names in way)
             if one and other:

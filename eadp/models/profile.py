@@ -90,6 +90,10 @@ class Profile:
         n = len(points)
         if points.shape != (n, len(self.names)) or len(self.units) != len(self.names):
             raise ValueError(f"{points.shape} configurations do not fit the names {self.names}")
+        if not (np.isfinite(points).all() and np.isfinite(self.power_w).all()):
+            raise ValueError("a configuration or its power is not finite")
+        if len(np.unique(points, axis=0)) < n:
+            raise ValueError("a configuration stands twice")
         order = np.lexsort(points.T[::-1])
         for name in ARRAYS:
             given = getattr(self, name)
