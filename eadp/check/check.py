@@ -77,7 +77,7 @@ class GeometryReport(CheckReport):
 
     def lines(self, plan: Plan) -> list[str]:
         """For each condition of validity, the stages where it is proven, where it holds as far as tried, the others."""
-        free = plan.path_names
+        free = _path_names(plan)
         proven = f"for every {', '.join(free)}" if len(free) < 5 else f"for every value of {len(free)} parameters"
         lines = []
         for title, attribute, code in _SHOWN:
@@ -94,6 +94,15 @@ class GeometryReport(CheckReport):
             lines.append(f"{'laps alike':<20} {'for all values' if laps_proven(plan) else 'at the values tried'}")
         leads = sum(parameters is not None for parameters in self.witness)
         return [*lines, f"{leads} of {len(plan.stages)} stages lead to the next for some parameters"]
+
+
+def _path_names(plan: Plan) -> tuple[str, ...]:
+    """The path parameters that a stage, a loop variable or the shift names."""
+    parts = [part for stage in plan.stages for part in (stage.path, *stage.trigger)]
+    parts += [q.first for segment in plan.segments for q in segment.variables]
+    parts += [q.shift for segment in plan.segments for q in segment.variables if q.shift]
+    named = frozenset().union(*(part.names for part in (*parts, *(plan.shift or ()))))
+    return tuple(name for name in plan.names[: plan.path_count] if name in named)
 
 
 def laps_proven(plan: Plan) -> bool:
@@ -485,8 +494,8 @@ def _order_findings(about: _About, worst: _Measures) -> Iterator[Finding]:
 
 
 def _at(plan: Plan, parameters: Vector) -> str:
-    known = zip(plan.names, parameters, strict=False)
-    named = [f"{name} = {value:.6g}" for name, value in known if name in plan.path_names]
+    known = dict(zip(plan.names, parameters, strict=False))
+    named = [f"{name} = {known[name]:.6g}" for name in _path_names(plan)]
     return f" (at {', '.join(named)})" if named else ""
 
 

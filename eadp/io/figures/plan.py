@@ -110,17 +110,13 @@ def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
         except PathUndefined:
             before = []
             continue
-        paths = [_points(leg, leg.length_m / (1 if leg.stage.kind == LINE else CORNERS)) for lap in laps for leg in lap]
+        steps_m = ((leg, leg.length_m / (1 if leg.stage.kind == LINE else CORNERS)) for lap in laps for leg in lap)
+        paths = [leg_points(leg, max(step_m, MIN_STEP_M))[:, :2] for leg, step_m in steps_m]
         strips += [np.concatenate([first, last[::-1]]) for first, last in zip(before, paths, strict=False)]
         before = paths
     if strips:
         label = "range of the path parameters, lap by lap"
         draw_areas(axes, strips, color="#c9ced6", alpha=0.45, linewidth=0, zorder=0, label=label)
-
-
-def _points(leg: Leg, step_m: float) -> FloatArray:
-    """Points along a leg [m], shape (n, 2)."""
-    return leg_points(leg, max(step_m, MIN_STEP_M))[:, :2]
 
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}

@@ -247,7 +247,7 @@ class _Reader:
             else:
                 self._header_shift_line = line
                 self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
-        elif self._drafts[-1].trigger_line not in (None, _START):
+        elif self._drafts[-1].trigger_line is not None:
             what = f"stage {len(self._drafts)} has its trigger already"
             self._fault(line, what, "a set like [2, 10] or a new stage")
         else:
@@ -290,10 +290,6 @@ class _Reader:
             self._fault(line, "a set before the first stage", STAGE_EXPECTED)
             return
         draft = self._drafts[-1]
-        if draft.trigger_line is None:
-            what = f"a set before the trigger of stage {len(self._drafts)}"
-            self._fault(line, what, "its trigger, like -115, 146")
-            draft.trigger_line = _START  # one mistake is one fault; a trigger below is still read
         which = f" as set {len(draft.sets) + 1} of stage {len(self._drafts)}"
         draft.sets.append(self._attempt(line, partial(read_box, which=which)))
         draft.set_lines.append(line)
@@ -448,6 +444,9 @@ class _Reader:
             if draft.trigger_line is None:
                 expected = f"the trigger of stage {index} on the next line, like -115, 146"
                 self._fault(draft.line, f"stage {index} has no trigger", expected)
+            elif draft.set_lines and draft.set_lines[0].number < draft.trigger_line.number:
+                what = f"a set before the trigger of stage {index}"
+                self._fault(draft.set_lines[0], what, "its trigger, like -115, 146")
         if not self._drafts:
             return
         self._check_set_counts()

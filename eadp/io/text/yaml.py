@@ -137,10 +137,9 @@ def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fau
         location = _location(key_node.start_mark)
         key = key_node.value if isinstance(key_node, ScalarNode) else None
         if key is None or key in result:
-            document.places[(*path, "?")] = location
-            what = ("a key that is not a name", "a name")
-            what = what if key is None else (f"the key {printable(key)} stands twice", "it once")
-            faults.append(document.fault((*path, "?"), *what))
+            wrong = ("a key that is not a name", "a name")
+            wrong = wrong if key is None else (f"the key {printable(key)} stands twice", "it once")
+            faults.append(document.source.fault(location, *wrong))
             continue
         result[key] = _build(value_node, (*path, key), document, faults)
         # the location is the key's: an empty value has none, and a block starts a line later

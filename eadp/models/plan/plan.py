@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -173,14 +174,12 @@ class Plan:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters: c1..cρ of the paths, then the computations."""
-        count = len(self.stages[0].sets) or max(self.path_count, self.path_count + len(self.computations))
-        names = [f"c{i + 1}" for i in range(count)]
-        titles = (*self.titles, *[Title("")] * self.path_count)
-        result = [Parameter(name, PATH, *title) for name, title in zip(names[: self.path_count], titles, strict=False)]
-        for k, name in enumerate(names[self.path_count :]):
-            title, unit = self.computations[k] if k < len(self.computations) else ("", "")
-            result.append(Parameter(name, COMPUTATION, title, unit))
-        return tuple(result)
+        names = [f"c{i + 1}" for i in range(len(self.stages[0].sets) or self.path_count + len(self.computations))]
+        titles = itertools.chain(self.titles, itertools.repeat(Title("")))
+        computations = itertools.chain(self.computations, itertools.repeat(("", "")))
+        paths = [Parameter(name, PATH, *title) for name, title in zip(names[: self.path_count], titles, strict=False)]
+        others = zip(names[self.path_count :], computations, strict=False)
+        return (*paths, *(Parameter(name, COMPUTATION, *title) for name, title in others))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -198,16 +197,6 @@ class Plan:
     def expected_name(self, name: str) -> str:
         """What is expected where a parameter is given by a name that the plan does not know."""
         return one_of([item.label for item in self.parameters], name) or "none: the plan has no parameters"
-
-    @cached_property
-    def path_names(self) -> tuple[str, ...]:
-        """The path parameters that a stage, a loop variable or the shift names."""
-        named = set().union(*(part.names for part in self.shift or ()))
-        for stage in self.stages:
-            named |= stage.path.names.union(*(part.names for part in stage.trigger))
-        for q in (q for segment in self.segments for q in segment.variables):
-            named |= q.first.names | (q.shift.names if q.shift else set())
-        return tuple(name for name in self.names[: self.path_count] if name in named)
 
     @cached_property
     def quality_sets(self) -> tuple[tuple[Box, ...], ...]:

@@ -398,11 +398,3 @@ def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> f
     cut_m = leg.length_m - leg.distance_m
     left = leg.track.remaining_m(leg.local_m(position), leg.distance_m - flown_m + cut_m) - cut_m
     return min(max(left, 0.0), leg.distance_m + early_m)
-
-
-def rest_of(leg: Leg, position: Point, flown_m: float) -> Leg:
-    """A leg from a position on [m], with about the distance flown on it so far [m]; see `left_m`."""
-    rest_m = min(left_m(leg, position, flown_m), leg.distance_m)
-    (ox, oy), (x, y) = leg.offset_m, leg.track.nearest(leg.local_m(position))
-    cut_m = leg.length_m - leg.distance_m
-    return leg._replace(start_m=(x + ox, y + oy), length_m=rest_m + cut_m, flown_m=rest_m)
