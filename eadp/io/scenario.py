@@ -396,10 +396,7 @@ def scenario_of(
     document: Document, overrides: Mapping[str, Any] | None = None, text: TextSource = read_text
 ) -> Scenario:
     """`read_scenario` of a document, which is not changed; `text` reads the vehicle file, if it names one."""
-    document = replace(
-        document, value=copy.deepcopy(document.value), places=dict(document.places), overrides=dict(document.overrides)
-    )
-    overrides = dict(overrides or {})
+    document, overrides = copy.deepcopy(document), dict(overrides or {})
     path, vehicle_text = vehicle_path(document, overrides), None
     if "vehicle" in overrides:
         _put(document, "vehicle", overrides.pop("vehicle"))

@@ -92,8 +92,10 @@ class Profile:
             raise ValueError(f"{points.shape} configurations do not fit the names {self.names}")
         if not (np.isfinite(points).all() and np.isfinite(self.power_w).all()):
             raise ValueError("a configuration or its power is not finite")
-        if len(np.unique(points, axis=0)) < n:
-            raise ValueError("a configuration stands twice")
+        known, times = np.unique(points, axis=0, return_counts=True)
+        if len(known) < n:
+            twice = configuration_text(self.names, known[np.argmax(times)])
+            raise ValueError(f"the configuration {twice} stands twice")
         order = np.lexsort(points.T[::-1])
         for name in ARRAYS:
             given = getattr(self, name)
