@@ -332,18 +332,17 @@ class Scenario:
 def by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], dict[str, Any]]]:
     """The mappings of a scenario whose keys are parameters, each with its path."""
     planner = value.get("planner") or {}
-    paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",)]
-    paths += [("planner", key) for key in ("weights", "levels")]
+    sections: list[tuple[tuple[str | int, ...], dict[str, Any], tuple[str, ...]]] = [
+        ((), value, ("parameters", "bounds")),
+        (("planner",), planner, ("weights", "levels")),
+    ]
     for name in PLANNERS:
         own = planner.get(name) or {}
-        paths += [("planner", name, key) for key in ("delta", "gains")]
-        paths += [("planner", name, "trade_offs", i, "coefficients") for i in range(len(own.get("trade_offs") or ()))]
-    for path in paths:
-        found: Any = value
-        for part in path:
-            found = found[part] if isinstance(part, int) else (found or {}).get(part)
-        if found:
-            yield path, found
+        sections.append((("planner", name), own, ("delta", "gains")))
+        trade_offs = enumerate(own.get("trade_offs") or ())
+        sections += [(("planner", name, "trade_offs", i), each, ("coefficients",)) for i, each in trade_offs]
+    for path, section, keys in sections:
+        yield from (((*path, key), section[key]) for key in keys if section.get(key))
 
 
 def beside(name: str, path: str) -> str:

@@ -108,13 +108,9 @@ def join_profile(plan: Plan, profile: Profile | None) -> Computing:
             raise EadpError(f"{profile.names[column]} is in {unit} in the plan and in {measured} in the profile")
     computing = Computing(rho, profile, order)
     for stage in plan.stages:
-        _check_range(computing, stage.sets, stage.index)
-    return computing
-
-
-def _check_range(computing: Computing, sets: Sequence[Box], stage: int) -> None:
-    for corner in ([box.lo for box in sets], [box.hi for box in sets]):
         try:
-            computing.power_w(corner, sets)
+            computing.power_w([box.lo for box in stage.sets], stage.sets)
+            computing.power_w([box.hi for box in stage.sets], stage.sets)
         except Infeasible as error:
-            raise EadpError(f"stage {stage}: {error}") from None
+            raise EadpError(f"stage {stage.index}: {error}") from None
+    return computing

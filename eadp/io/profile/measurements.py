@@ -151,6 +151,10 @@ class _Layout:
         return ", ".join(f"{column.name} {column.unit}".strip() for column in self.configuration)
 
 
+_NUMBERS_ALONE = (ColumnHeading("c", ""), ColumnHeading("power", "W", 1.0))
+"""A parameter, which is called c, and the power."""
+
+
 class _Reading(NamedTuple):
     """What was measured at a configuration: the row with the first of it, its file's layout, and power [W] by run."""
 
@@ -173,18 +177,13 @@ def _layout(row: Row) -> _Layout:
         raise InputError(row.fault(0, message, expected))
     if len(row.fields) == 1:
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
-    layout = _headerless(row) if headings is None else _header(row, headings)
+    if headings is None and len(row.fields) > 2:
+        raise InputError(row.fault(0, f"{len(row.fields)} columns without names", _A_HEADER))
+    layout = _header(row, headings or _NUMBERS_ALONE)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
-    return layout
-
-
-def _headerless(row: Row) -> _Layout:
-    """Numbers alone: a parameter, which is called c, and the power."""
-    if len(row.fields) > 2:
-        raise InputError(row.fault(0, f"{len(row.fields)} columns without names", _A_HEADER))
-    return _Layout([ColumnHeading("c", ""), ColumnHeading("power", "W", 1.0)], [0], power=1, header=False)
+    return replace(layout, header=headings is not None)
 
 
 def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:

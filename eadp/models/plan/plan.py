@@ -216,15 +216,12 @@ class Plan:
             of_lap += [part.names for q in segment.variables if q.shift for part in (q.first, q.shift)]
             named = [frozenset().union(*named, *of_lap)] * len(stages)
         dependent = [segment.dependent(name) for name in self.names[: self.path_count]]
-        return [
-            tuple(
-                [
-                    box if i >= len(dependent) or names & dependent[i] else Box(box.lo, box.lo)
-                    for i, box in enumerate(stage.sets)
-                ]
-            )
-            for stage, names in zip(stages, named, strict=True)
-        ]
+        counted = []
+        for stage, names in zip(stages, named, strict=True):
+            paths = zip(stage.sets, dependent, strict=False)
+            chosen = (box if names & own else Box(box.lo, box.lo) for box, own in paths)
+            counted.append((*chosen, *stage.sets[self.path_count :]))
+        return counted
 
     @property
     def ends_at_trigger(self) -> bool:
