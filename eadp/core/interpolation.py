@@ -70,14 +70,6 @@ class Interpolant:
                 raise Infeasible(f"{tuple(configuration)} is outside the measured range")
         return self._piece.at(self._varying_part(self.clipped(configuration)))
 
-    def contains(self, configuration: Sequence[float]) -> bool:
-        """Whether `at` has a value for a configuration of d floats."""
-        try:
-            self.at(configuration)
-        except Infeasible:
-            return False
-        return True
-
     def nearest(self, configuration: Sequence[float]) -> Point:
         """The nearest configuration inside the measured range.
 

@@ -88,7 +88,7 @@ def join_profile(plan: Plan, profile: Profile | None) -> Computing:
         return Computing(rho, None)
     if not running:
         # what the profile measures runs all the same, and the plan does not decide it
-        return Computing(rho, None, load_w=profile.power_w_at(load_configuration(profile), clamp=True))
+        return Computing(rho, None, load_w=profile.power_w_at(load_configuration(profile)))
     if len(profile.names) != len(computations):
         raise EadpError(
             f"the plan has {len(computations)} computations, the profile measures {len(profile.names)}: "
