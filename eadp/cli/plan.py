@@ -249,7 +249,7 @@ def _number_or_text(part: Any) -> float | str:
     """A number where the expression is one, else its canonical text."""
     if part.names:
         return str(part.text)
-    value = float(part.at())
+    value = float(part.value({}))
     return int(value) if value == int(value) else value
 
 

@@ -655,7 +655,7 @@ class _Reader:
             elif not moves_with(shift, stage.path, path):
                 message = f"the path of stage {stage.index} does not shift as its trigger does"
                 self._fault(draft.path_line, message, expected)
-        if shift is not None and all(not part.names and part.at() == 0 for part in shift):
+        if shift is not None and all(not part.names and part.value({}) == 0 for part in shift):
             self._fault(_Line(self._drafts[0].line.number, "", 1), "a plan that repeats without a shift", "a shift")
         stages = tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger)
         return replace(

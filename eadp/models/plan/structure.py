@@ -126,9 +126,9 @@ def _samples(plan: Plan) -> list[Sequence[float]]:
 def equal(a: Expression, b: Expression) -> bool:
     """Whether two expressions have the same value for all values of their symbols."""
     gap = difference(a, b)
-    return is_zero(gap.node) if gap.names else abs(gap.at()) < TOLERANCE
+    return is_zero(gap.node) if gap.names else abs(gap.value({})) < TOLERANCE
 
 
 def tidy(expression: Expression) -> Expression:
     """A number where it is one, else as simple as sympy makes it."""
-    return simplified(expression) if expression.names else constant(round(expression.at(), 12))
+    return simplified(expression) if expression.names else constant(round(expression.value({}), 12))
