@@ -99,12 +99,7 @@ def parse_energy(text: Text) -> EnergyModel:
     content = validated(EnergyFile, document, document.value)
     if content.period_s is None and content.harmonics:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
-    model = EnergyModel(**{field.name: getattr(content, field.name) for field in fields(EnergyModel)})
-    if len(content.amplitude_std_w) not in (0, model.order):
-        message = f"{len(content.amplitude_std_w)} standard deviations of amplitudes"
-        expected = f"{model.order}, the number of harmonics, or none"
-        raise InputError(document.fault(("amplitude_std_w",), message, expected))
-    return model
+    return EnergyModel(**{field.name: getattr(content, field.name) for field in fields(EnergyModel)})
 
 
 def energy_document(model: EnergyModel) -> dict[str, Any]:

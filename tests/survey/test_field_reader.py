@@ -528,8 +528,9 @@ NO_POSITION = "3:1: error: no position; expected longitude, latitude and perhaps
 @pytest.mark.parametrize(
     ("position", "fault"),
     [
-        *((each, NO_POSITION) for each in ("[1]", "[1, 2, 3, 4]", "[1, true]", "[1, [2, 3]]", "[1e999, 2]", "{}")),
+        *((each, NO_POSITION) for each in ("[1]", "[1, 2, 3, 4]", "[1, true]", "[1, [2, 3]]", "{}")),
         ("[NaN, 2]", "3:2: error: NaN is no number of JSON; expected a finite number"),
+        ("[1e999, 2]", "3:2: error: 1e999 is no number of JSON; expected a finite number"),
         ("[1, 02]", "3:6: error: is not JSON: expecting ',' delimiter"),
         ("[1, 2", "4:9: error: is not JSON: expecting ',' delimiter"),
         ("[1, 2]\x00", "3:7: error: is not JSON: expecting ',' delimiter"),

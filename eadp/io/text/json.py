@@ -1,8 +1,7 @@
 """JSON reader that keeps the location of every value.
 
 The standard library's reader does not, and a fault in a file of thousands of positions needs its line. Duplicate keys
-and lists or objects nested too deeply are refused. As in the standard library, a number too large for a float is
-infinite.
+and lists or objects nested too deeply are refused.
 """
 
 from __future__ import annotations
@@ -25,14 +24,6 @@ _POSITION = re.compile(
 )
 EXACT_DIGITS = 17
 """Most digits of a whole number that is kept as one."""
-
-
-class _NotFinite(ValueError):
-    """A number that JSON does not have."""
-
-
-def _refused(name: str) -> float:
-    raise _NotFinite(name)
 
 
 def _whole(digits: str) -> float:
@@ -64,17 +55,17 @@ class JsonObject(dict[str, Any]):
 class JsonReader:
     """A reader of JSON that keeps the offset of every value but those within a position.
 
-    `not_finite`: whether NaN and infinities are read, though JSON has none.
+    `not_finite`: whether NaN, infinities and what is too large for a float are read, though JSON has none.
     """
 
     def __init__(self, source: Text, *, not_finite: bool = False) -> None:
-        self.source, self.body = source, source.body
-        self._scalar = json.JSONDecoder(parse_int=_whole, parse_constant=float if not_finite else _refused).raw_decode
+        self.source, self.body, self._not_finite = source, source.body, not_finite
+        self._decoder = json.JSONDecoder(parse_int=_whole)
 
     def document(self) -> Any:
         """The value that the text is."""
         try:
-            json.JSONDecoder(parse_int=_whole).decode(self.body)  # whether it is JSON
+            self._decoder.decode(self.body)  # whether it is JSON
         except json.JSONDecodeError as error:
             raise self._error(error.pos, f"is not JSON: {error.msg[:1].lower() + error.msg[1:]}") from None
         except RecursionError:
@@ -102,10 +93,9 @@ class JsonReader:
             return self._list(self._skip(i + 1), depth)
         if c == "{":
             return self._object(self._skip(i + 1), depth)
-        try:
-            scalar, end = self._scalar(self.body, i)
-        except _NotFinite as error:
-            raise self._error(i, f"{error} is no number of JSON", "a finite number") from None
+        scalar, end = self._decoder.raw_decode(self.body, i)
+        if isinstance(scalar, float) and not (self._not_finite or math.isfinite(scalar)):
+            raise self._error(i, f"{printable(self.body[i:end], 40)} is no number of JSON", "a finite number")
         return scalar, self._skip(end)
 
     def _list(self, i: int, depth: int) -> tuple[JsonList, int]:

@@ -91,7 +91,6 @@ def test_what_can_be_derived_may_be_left_out() -> None:
         ("mean_w: 36.4", "mean_w: 1\nmean_w: 2", "4:1: error: the key mean_w stands twice; expected it once"),
         ("period_s: 46", "period_s: null", "4:1: error: harmonics without a period; expected a period_s, or []"),
         ("amplitude_w: 1", "amplitude_w: -1", "4:14: error: harmonics.0.amplitude_w cannot be -1; expected greater"),
-        ("}]", "}]\namplitude_std_w: [1, 2]", "5:1: error: 2 standard deviations of amplitudes; expected 1, the num"),
         ("energy/1", "profile/1", "1:1: error: is a file of eadp.profile/1; expected schema: eadp.energy/1"),
     ],
 )
