@@ -510,9 +510,8 @@ def override_texts(
         If there is no such planner.
     """
     if planner is not None and not is_planner(planner):
-        raise InputError.at(
-            "--planner", 1, 1, f"unknown planner {printable(planner, 60)}", one_of(planner_names(), planner), planner
-        )
+        message = f"unknown planner {printable(planner, 60)}"
+        raise InputError.at("--planner", 1, 1, message, one_of(planner_names(), planner), planner)
     pairs = given.items() if isinstance(given, Mapping) else ()
     texts = [f"{key}={value_text(value)}" for key, value in pairs] or [str(text) for text in given]
     texts += [f"planner.name={planner}"] if planner is not None else []

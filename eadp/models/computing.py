@@ -89,18 +89,15 @@ def join_profile(plan: Plan, profile: Profile | None) -> Computing:
     if not running:
         # what the profile measures runs all the same, and the plan does not decide it
         return Computing(rho, None, load_w=profile.power_w_at(load_configuration(profile)))
+    measures = ", ".join(profile.names)
     if len(profile.names) != len(computations):
-        raise EadpError(
-            f"the plan has {len(computations)} computations, the profile measures {len(profile.names)}: "
-            f"{', '.join(profile.names)}"
-        )
+        numbers = f"the plan has {len(computations)} computations, the profile measures {len(profile.names)}"
+        raise EadpError(f"{numbers}: {measures}")
     titles = [parameter.title for parameter in computations]
     order = tuple(range(len(titles)))
     if all(titles):
         if sorted(titles) != sorted(profile.names):
-            raise EadpError(
-                f"the plan's computations are {', '.join(titles)}, the profile's {', '.join(profile.names)}"
-            )
+            raise EadpError(f"the plan's computations are {', '.join(titles)}, the profile's {measures}")
         order = tuple(titles.index(name) for name in profile.names)
     for column, i in enumerate(order):
         unit, measured = computations[i].unit, profile.units[column]

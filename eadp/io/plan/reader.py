@@ -546,24 +546,19 @@ class _Reader:
         """The segments of a plan; none of the papers' short form."""
         if not self._groups or (len(self._groups) == 1 and not self._groups[0].until):
             return ()
-        return tuple(
-            Segment(
-                group.drafts,
-                len(drafts),
-                tuple(LoopVariable(name, first, shift) for name, (first, shift, _) in group.coordinates.items()),
-                group.until,
-            )
-            for group, drafts in self._group_drafts()
-        )
+        parts = []
+        for group, drafts in self._group_drafts():
+            named = group.coordinates.items()
+            variables = tuple(LoopVariable(name, first, shift) for name, (first, shift, _) in named)
+            parts.append(Segment(group.drafts, len(drafts), variables, group.until))
+        return tuple(parts)
 
     def _compare_header(self, plan: Plan) -> None:
         """A warning where the shift on the first line is neither that of the stages nor its opposite."""
         if plan.header_shift is None or plan.shift is None or shifts_agree(plan.header_shift, plan.shift):
             return
-        message = (
-            f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "
-            f"({point_text(plan.shift)}), nor its opposite"
-        )
+        stated, found = point_text(plan.header_shift), point_text(plan.shift)
+        message = f"the shift ({stated}) is neither what the stages do, ({found}), nor its opposite"
         self._warn(self._header_shift_line, "header-shift", message)
 
     def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Segment, ...]) -> Stage:
@@ -658,14 +653,8 @@ class _Reader:
         if shift is not None and all(not part.names and part.value({}) == 0 for part in shift):
             self._fault(_Line(self._drafts[0].line.number, "", 1), "a plan that repeats without a shift", "a shift")
         stages = tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger)
-        return replace(
-            plan,
-            repeats=True,
-            shift=shift,
-            final=self._groups[0].final,
-            primitive_stages=len(plan.stages),
-            short_form=ShortForm(tuple(coordinates), stages),
-        )
+        final, form = self._groups[0].final, ShortForm(tuple(coordinates), stages)
+        return replace(plan, repeats=True, shift=shift, final=final, primitive_stages=len(stages), short_form=form)
 
     # --- reading parts of a line, faults recorded
 
