@@ -21,14 +21,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eadp.check.proof import ON_PATH, StageProof, prove_plan
+from eadp.core.expressions.algebra import cancels
 from eadp.core.expressions.derivatives import PathFunction
+from eadp.core.expressions.tree import Expression, difference, substituted, total
 from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.errors import PathUndefined, printable
+from eadp.errors import ExpressionError, PathUndefined, printable
 from eadp.models.airspace import BOUNDARY, entered
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
 from eadp.models.plan.plan import CheckReport, Finding, Plan
-from eadp.models.plan.stage import Box, Stage
+from eadp.models.plan.stage import Box, PointExpression, Stage
+from eadp.models.plan.structure import moved, symbol
 from eadp.models.plan.trace import nominal_legs
 
 ERROR, WARNING = "error", "warning"
@@ -42,6 +45,8 @@ RANDOM_SAMPLES = 200
 CORNERS_LIMIT = 256
 CHANGING_FLIGHTS = 24
 
+
+PathTrigger = tuple[Expression, PointExpression]
 
 _SHOWN = (
     ("trigger on its path", "own", "trigger-off-path"),
@@ -72,7 +77,7 @@ class GeometryReport(CheckReport):
 
     def lines(self, plan: Plan) -> list[str]:
         """For each condition of validity, the stages where it is proven, where it holds as far as tried, the others."""
-        free = plan.path_names
+        free = _path_names(plan)
         proven = f"for every {', '.join(free)}" if len(free) < 5 else f"for every value of {len(free)} parameters"
         lines = []
         for title, attribute, code in _SHOWN:
@@ -85,8 +90,53 @@ class GeometryReport(CheckReport):
                 found["not" if stage.index in off else how if free else "holds"].append(stage.index)
             parts = [f"{how} in {_numbered(stages)}" for how, stages in found.items() if stages]
             lines += [f"{title:<20} {'; '.join(parts)}"] if parts else []
+        if plan.shift is not None:
+            lines.append(f"{'laps alike':<20} {'for all values' if laps_proven(plan) else 'at the values tried'}")
         leads = sum(parameters is not None for parameters in self.witness)
         return [*lines, f"{leads} of {len(plan.stages)} stages lead to the next for some parameters"]
+
+
+def _path_names(plan: Plan) -> tuple[str, ...]:
+    """The path parameters that a stage, a loop variable or the shift names."""
+    parts = [part for stage in plan.stages for part in (stage.path, *stage.trigger)]
+    parts += [q.first for segment in plan.segments for q in segment.variables]
+    parts += [q.shift for segment in plan.segments for q in segment.variables if q.shift]
+    named = frozenset().union(*(part.names for part in (*parts, *(plan.shift or ()))))
+    return tuple(name for name in plan.names[: plan.path_count] if name in named)
+
+
+def laps_proven(plan: Plan) -> bool:
+    """Whether every stage is shown symbolically to be the one n before it, moved by d(c): e_j = 0 for all x, y and c.
+
+    False where the structure is known by value alone: in plans of segments, and of what is too large.
+
+    Source: letter, Eq. 2.
+    """
+    if plan.shift is None:
+        return False
+    dx, dy = plan.shift
+    try:
+        return all(
+            cancels(difference(moved(later, plan.shift), path))
+            and cancels(difference(later_x, total(x, dx)))
+            and cancels(difference(later_y, total(y, dy)))
+            for (path, (x, y)), (later, (later_x, later_y)) in _lap_pairs(plan)
+        )
+    except ExpressionError:  # too large when substituted
+        return False
+
+
+def _lap_pairs(plan: Plan) -> list[tuple[PathTrigger, PathTrigger]]:
+    """Path and trigger of each stage that has one n before it: of that one, and its own."""
+    if plan.short_form is None:
+        parts: list[PathTrigger] = [(stage.path, stage.trigger) for stage in plan.stages]
+        return list(zip(parts, parts[plan.primitive_stages :], strict=False))
+    # in the names of the coordinates, which the shift moves from any lap to the next
+    moves = {name: total(symbol(name), move) for name, _, move in plan.short_form.coordinates}
+    return [
+        ((path, (x, y)), (substituted(path, moves), (substituted(x, moves), substituted(y, moves))))
+        for path, (x, y) in plan.short_form.stages
+    ]
 
 
 def _numbered(stages: Sequence[int]) -> str:
@@ -444,8 +494,8 @@ def _order_findings(about: _About, worst: _Measures) -> Iterator[Finding]:
 
 
 def _at(plan: Plan, parameters: Vector) -> str:
-    known = zip(plan.names, parameters, strict=False)
-    named = [f"{name} = {value:.6g}" for name, value in known if name in plan.path_names]
+    known = dict(zip(plan.names, parameters, strict=False))
+    named = [f"{name} = {known[name]:.6g}" for name in _path_names(plan)]
     return f" (at {', '.join(named)})" if named else ""
 
 

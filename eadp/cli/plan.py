@@ -251,7 +251,7 @@ def _number_or_text(part: Any) -> float | str:
     """A number where the expression is one, else its canonical text."""
     if part.names:
         return str(part.text)
-    value = float(part.at())
+    value = float(part.value({}))
     return int(value) if value == int(value) else value
 
 
@@ -281,7 +281,6 @@ def _items(plan: Plan) -> list[str]:
 def _table(plan: Plan) -> str:
     """A plan as a text table."""
     from eadp.core.expressions.tree import number_text
-    from eadp.models.plan.structure import structure_proven
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
@@ -289,7 +288,6 @@ def _table(plan: Plan) -> str:
         return "\n".join([*lines, *items])
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
-        lines.append(f"laps       are alike but for the shift: {'proven' if structure_proven(plan) else 'sampled'}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
     if (camera := plan.site.camera) is not None:
         lines.append(f"camera     {camera.text}")

@@ -70,14 +70,6 @@ class Interpolant:
                 raise Infeasible(f"{tuple(configuration)} is outside the measured range")
         return self._piece.at(self._varying_part(self.clipped(configuration)))
 
-    def contains(self, configuration: Sequence[float]) -> bool:
-        """Whether `at` has a value for a configuration of d floats."""
-        try:
-            self.at(configuration)
-        except Infeasible:
-            return False
-        return True
-
     def nearest(self, configuration: Sequence[float]) -> Point:
         """The nearest configuration inside the measured range.
 
@@ -116,7 +108,7 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
     configurations : array, shape (n, d)
         Distinct measured configurations, n at least 2.
     values : array, shape (n,)
-        What was measured at each.
+        What was measured at each, as finite as the configurations.
     kind : str
         `linear`, or `pchip` where one coordinate changes.
 
@@ -129,13 +121,11 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
     Infeasible
         If the configurations span nothing to interpolate over (fewer than two, or on one line in a plane), if
         they are too close together, or if `kind` is `pchip` and several coordinates change.
-    ValueError
-        If the shapes do not fit, a number is not finite, or a configuration stands twice.
 
     Source: letter, Eq. 13, corrected: g = g(⌊c⌋) + (g(⌈c⌉) − g(⌊c⌋)) (c − ⌊c⌋)/(⌈c⌉ − ⌊c⌋), where ⌊c⌋ and ⌈c⌉
     are the measured neighbours of c. PCHIP: Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980), as in scipy.
     """
-    points, measured = _checked(configurations, values)
+    points, measured = np.array(configurations, dtype=np.float64), np.array(values, dtype=np.float64)
     lower, upper = points.min(axis=0), points.max(axis=0)
     span = upper - lower
     varying = tuple(int(axis) for axis in np.flatnonzero(span > 0))
@@ -144,17 +134,6 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
     slack = EDGE * np.where(span > 0, span, np.abs(lower))
     piece = _piece(points[:, varying], measured, kind)
     return Interpolant(_floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece)
-
-
-def _checked(configurations: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    points, measured = np.array(configurations, dtype=np.float64), np.array(values, dtype=np.float64)
-    if points.ndim != 2 or measured.shape != points.shape[:1] or points.size == 0:
-        raise ValueError(f"{points.shape} configurations do not fit {measured.shape} values")
-    if not (np.all(np.isfinite(points)) and np.all(np.isfinite(measured))):
-        raise ValueError("a configuration or value is not finite")
-    if len(np.unique(points, axis=0)) < len(points):
-        raise ValueError("a configuration stands twice")
-    return points, measured
 
 
 def _piece(points: FloatArray, values: FloatArray, kind: Kind) -> _Piece:

@@ -235,7 +235,5 @@ def solver_text(summary: Mapping[str, Any]) -> str | None:
     solver = summary["solver"]
     if not (solver["failed"] or solver["fallbacks"]):
         return None
-    return (
-        f"{solver['fallbacks']} of {summary['replans']} decisions by the fallback: OSQP did not solve "
-        f"({solver['failed']} of {solver['calls']} runs FAILED)"
-    )
+    runs = f"{solver['failed']} of {solver['calls']} runs FAILED"
+    return f"{solver['fallbacks']} of {summary['replans']} decisions by the fallback: OSQP did not solve ({runs})"

@@ -39,6 +39,7 @@ from eadp.io.vehicle import (
     airframe_faults,
     battery_faults,
     given_twice,
+    replaced,
     vehicle_class,
     vehicle_of,
     with_sheet,
@@ -331,18 +332,17 @@ class Scenario:
 def by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], dict[str, Any]]]:
     """The mappings of a scenario whose keys are parameters, each with its path."""
     planner = value.get("planner") or {}
-    paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",)]
-    paths += [("planner", key) for key in ("weights", "levels")]
+    sections: list[tuple[tuple[str | int, ...], dict[str, Any], tuple[str, ...]]] = [
+        ((), value, ("parameters", "bounds")),
+        (("planner",), planner, ("weights", "levels")),
+    ]
     for name in PLANNERS:
         own = planner.get(name) or {}
-        paths += [("planner", name, key) for key in ("delta", "gains")]
-        paths += [("planner", name, "trade_offs", i, "coefficients") for i in range(len(own.get("trade_offs") or ()))]
-    for path in paths:
-        found: Any = value
-        for part in path:
-            found = found[part] if isinstance(part, int) else (found or {}).get(part)
-        if found:
-            yield path, found
+        sections.append((("planner", name), own, ("delta", "gains")))
+        trade_offs = enumerate(own.get("trade_offs") or ())
+        sections += [(("planner", name, "trade_offs", i), each, ("coefficients",)) for i, each in trade_offs]
+    for path, section, keys in sections:
+        yield from (((*path, key), section[key]) for key in keys if section.get(key))
 
 
 def beside(name: str, path: str) -> str:
@@ -395,10 +395,7 @@ def scenario_of(
     document: Document, overrides: Mapping[str, Any] | None = None, text: TextSource = read_text
 ) -> Scenario:
     """`read_scenario` of a document, which is not changed; `text` reads the vehicle file, if it names one."""
-    document = replace(
-        document, value=copy.deepcopy(document.value), places=dict(document.places), overrides=dict(document.overrides)
-    )
-    overrides = dict(overrides or {})
+    document, overrides = copy.deepcopy(document), dict(overrides or {})
     path, vehicle_text = vehicle_path(document, overrides), None
     if "vehicle" in overrides:
         _put(document, "vehicle", overrides.pop("vehicle"))
@@ -513,9 +510,8 @@ def override_texts(
         If there is no such planner.
     """
     if planner is not None and not is_planner(planner):
-        raise InputError.at(
-            "--planner", 1, 1, f"unknown planner {printable(planner, 60)}", one_of(planner_names(), planner), planner
-        )
+        message = f"unknown planner {printable(planner, 60)}"
+        raise InputError.at("--planner", 1, 1, message, one_of(planner_names(), planner), planner)
     pairs = given.items() if isinstance(given, Mapping) else ()
     texts = [f"{key}={value_text(value)}" for key, value in pairs] or [str(text) for text in given]
     texts += [f"planner.name={planner}"] if planner is not None else []
@@ -536,23 +532,12 @@ def _put(document: Document, key: str, value: Any) -> None:
             target[part] = {}
         target = target[part]
     target[parts[-1]] = value
-    for other in REPLACED.get(".".join(parts[-2:]), ()) if value is not None else ():
+    for other in replaced(key) if value is not None else ():
         target.pop(other, None)
     path = tuple(parts)
     for known in [place for place in document.places if place[: len(path)] == path]:
         del document.places[known]
     document.overrides[path] = f"--set {key}"
-
-
-REPLACED = {
-    "wind.from_deg": ("towards_deg", "profile"),
-    "wind.towards_deg": ("from_deg", "profile"),
-    "wind.speed_mps": ("profile",),
-    "wind.profile": ("speed_mps", "from_deg", "towards_deg"),
-    "battery.voltage_v": ("cells", "chemistry"),
-    "battery.cells": ("voltage_v", "voltage_empty_v"),
-}
-"""Keys that an override of another one removes: two ways to give one thing."""
 
 
 def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:

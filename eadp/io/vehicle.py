@@ -134,24 +134,33 @@ def with_sheet(document: Document, vehicle: Any, at: Path = ()) -> Any:
     return {**keys, "data_sheet": stated, "airframe": airframe}
 
 
-BESIDE: dict[str, tuple[tuple[str, str], ...]] = {
-    "battery": (("voltage_empty_v", "cells"), ("voltage_v", "cells")),
-    "wind": (("towards_deg", "from_deg"), *((key, "profile") for key in ("speed_mps", "from_deg", "towards_deg"))),
-    "start": (("lat_deg", "position_m"),),
-    "home": (("lat_deg", "position_m"),),
+BESIDE: dict[str, tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]] = {
+    "battery": ((("voltage_v", "voltage_empty_v"), ("cells", "chemistry")),),
+    "wind": ((("towards_deg",), ("from_deg",)), (("speed_mps", "from_deg", "towards_deg"), ("profile",))),
+    "start": ((("lat_deg", "lon_deg"), ("position_m",)),),
+    "home": ((("lat_deg", "lon_deg"), ("position_m",)),),
 }
-"""By section of a vehicle or a scenario, keys that give the same as others."""
+"""By section of a vehicle or a scenario, what is given in one of two ways: the keys of both."""
 
 
 def given_twice(document: Document, value: Any, at: Path = ()) -> list[Fault]:
-    """What is given twice, by keys of `BESIDE` below a path."""
-    return [
-        document.fault((*at, section, one), f"{section}.{other} and {section}.{one} are both given", "one of the two")
-        for section, pairs in BESIDE.items()
-        if isinstance(value, dict) and isinstance(keys := value.get(section), dict)
-        for one, other in pairs
-        if keys.get(one) not in (None, []) and keys.get(other) not in (None, [])
-    ]
+    """What is given in both ways of `BESIDE`, below a path."""
+    faults = []
+    for section, ways in BESIDE.items():
+        keys: Any = value.get(section) if isinstance(value, dict) else None
+        for way in ways if isinstance(keys, dict) else ():
+            one, other = (next((key for key in names if keys.get(key) not in (None, [])), "") for names in way)
+            if one and other:
+                message = f"{section}.{other} and {section}.{one} are both given"
+                faults.append(document.fault((*at, section, one), message, "one of the two"))
+    return faults
+
+
+def replaced(key: str) -> set[str]:
+    """The keys beside a dotted one whose place an override of it takes: those of the other way."""
+    *_, section, last = ("", *key.split("."))
+    both = [ways for one, other in BESIDE.get(section, ()) for ways in ((one, other), (other, one))]
+    return {name for own, others in both if last in own for name in others}
 
 
 def battery_faults(document: Document, battery: Battery) -> list[Fault]:

@@ -24,7 +24,7 @@ from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
-from eadp.models.plan.stage import Stage, rest_of
+from eadp.models.plan.stage import Leg, Stage, left_m
 from eadp.models.world import Mission
 from eadp.planning.base import BY_FALLBACK, Ending, HomeRecord, Observation, Sample, next_multiple
 from eadp.planning.forecast.held import HeldForecast
@@ -181,10 +181,10 @@ class LiveFlight:
         executor, (time_s, position) = self._tracker.executor, self._tracker.located
         cursor = executor.cursor.decide(self._flight.decision.parameters)
         rest = RoutePredictor().route(cursor, executor.joined_m).planned()
-        # roughly how much of the first leg is flown, by time and airspeed: `rest_of` corrects it by the position
+        # roughly how much of the first leg is flown, by time and airspeed: `_rest_of` corrects it by the position
         flown_m = self._mission.cruise_mps * (time_s - self._tracker.stage_started_s)
         first, *others = rest.legs
-        return PlannedLegs((rest_of(first, position, flown_m), *others), rest.parameters, executor.stages_started)
+        return PlannedLegs((_rest_of(first, position, flown_m), *others), rest.parameters, executor.stages_started)
 
     def update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Update with a sample later than the last one; return advice, if any is due, and notices."""
@@ -477,3 +477,11 @@ def _by_name(plan: Plan, values: Mapping[str, float]) -> dict[str, float]:
         by_title = key != item.name and plan.has_sets
         found[item.name] = item.of_shown(value, plan.hull(i)) if by_title else value
     return found
+
+
+def _rest_of(leg: Leg, position: Point, flown_m: float) -> Leg:
+    """A leg from a position on [m], with about the distance flown on it so far [m]; see `left_m`."""
+    rest_m = min(left_m(leg, position, flown_m), leg.distance_m)
+    (ox, oy), (x, y) = leg.offset_m, leg.track.nearest(leg.local_m(position))
+    cut_m = leg.length_m - leg.distance_m
+    return leg._replace(start_m=(x + ox, y + oy), length_m=rest_m + cut_m, flown_m=rest_m)

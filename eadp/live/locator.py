@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import EadpError
-from eadp.models.plan.cursor import PlanCursor, cursors
-from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, cursors
+from eadp.models.plan.executor import ENDED, FIRED, PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.plan.stage import Leg, left_m, leg_points
 from eadp.planning.base import Sample
@@ -34,6 +36,87 @@ MAX_STDS = 5.0
 
 POINT_M, MAX_POINTS = 3.0, 400
 """Distance of the points of a stage at which a position is sought [m], and their maximum number."""
+
+
+class FollowedExecutor(PlanExecutor):
+    """A flight through a plan that others fly, and tell of: it may be elsewhere in the plan than its triggers say."""
+
+    def take_in_force(self, parameters: Sequence[float], position: Point) -> bool:
+        """Take parameters that are known to be in force, whatever was decided; return whether they are others.
+
+        Raises
+        ------
+        PathUndefined
+            If the path has no value at them.
+        """
+        values = tuple(parameters)
+        if values == self.cursor.parameters:
+            return False
+        return self._change(self.cursor.in_force(values), position)
+
+    def placed(
+        self, cursor: PlanCursor, joined_m: Point, stages_started: int, position: Point, share: float
+    ) -> FollowedExecutor:
+        """A flight through the same plan that is somewhere else: a share along a stage, at a position [m].
+
+        Raises
+        ------
+        PathUndefined
+            As `advance`.
+        """
+        other = copy.copy(self)
+        other.cursor, other.joined_m, other.stages_started = cursor, joined_m, stages_started
+        other._lay_out(position)
+        other.watch.resume(share)
+        return other
+
+    def skip(self, position: Point) -> bool:
+        """Leave the stage at a position [m], wherever its trigger is; return whether another one has started.
+
+        Raises
+        ------
+        PathUndefined
+            As `advance`.
+        """
+        return self._leave(position, ended=bool(self.watch.events(*position) & ENDED))
+
+    def stay(self, x: float, y: float) -> None:
+        """Take a position [m] at which the stage is known to go on: only the plan's end counts.
+
+        Raises
+        ------
+        PathUndefined
+            If the next lap's loop variables have no value.
+        """
+        events = self.watch.events(x, y)
+        self.complete = bool(events & ENDED) or (bool(events & FIRED) and self.cursor.next() is None)
+
+    def past_end(self) -> FollowedExecutor | None:
+        """The flight that goes on where this one is complete, without its end on this leg; None without a next stage.
+
+        Raises
+        ------
+        PathUndefined
+            If the next lap's loop variables have no value.
+        """
+        if self.cursor.next() is None:
+            return None
+        other = copy.copy(self)
+        other.complete, other.watch = False, self.watch.without_end()
+        return other
+
+    def stages_to(self, index: int) -> int | None:
+        """In how many stages from here the next one of an index (from 1) starts; None where none will.
+
+        Raises
+        ------
+        PathUndefined
+            If a lap's loop variables have no value.
+        """
+        if not 1 <= index <= len(self.cursor.table.plan.stages):
+            return None
+        ahead = itertools.islice(cursors(self.cursor), 1, LAP_LIMIT)
+        return next((count for count, cursor in enumerate(ahead, 1) if cursor.stage.index == index), None)
 
 
 class LegAhead(NamedTuple):

@@ -229,14 +229,7 @@ class TelemetryReader:
             raise self._error(f"is not UTF-8 text: byte 0x{raw[error.start]:02x}", "UTF-8 text", column) from None
         if not text.strip():
             raise self._error("the line is blank", "a JSON object")
-        try:
-            value = JsonReader(Text(self._name, text), not_finite=True).document()
-        except InputError as error:
-            fault = error.faults[0]
-            # the JSON reader takes its text for a file
-            texts = (fault.message, fault.expected)
-            message, expected = (part.replace("the end of the file", "the end of the line") for part in texts)
-            raise InputError(replace(fault, message=message, expected=expected)) from None
+        value = JsonReader(Text(self._name, text), not_finite=True).document()
         if not isinstance(value, JsonObject):
             raise self._error("is no JSON object", 'an object such as {"time_s": 0, …}')
         return value

@@ -13,13 +13,13 @@ from eadp.live.locator import (
     GAP_S,
     GAP_STEPS,
     MAX_STDS,
+    FollowedExecutor,
     best_match,
     legs_ahead,
     line_between,
     time_std_s,
 )
 from eadp.models.plan.cursor import PlanCursor, Vector
-from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.plan.stage import Box
 from eadp.models.world import Mission
@@ -77,7 +77,7 @@ class PlanTracker:
 
     Attributes
     ----------
-    executor : PlanExecutor
+    executor : FollowedExecutor
         The flight through the plan.
     stage_started_s : float
         When its stage started [s].
@@ -111,7 +111,7 @@ class PlanTracker:
         if reported and plan.has_sets:
             known = self._clipped(reported, [plan.hull(i) for i in range(len(parameters))])
             parameters = tuple([known.get(i, value) for i, value in enumerate(parameters)])
-        self.executor = PlanExecutor(PlanCursor.start(plan, parameters, mission.rules), start_m)
+        self.executor = FollowedExecutor(PlanCursor.start(plan, parameters, mission.rules), start_m)
         self.stage_started_s = time_s
         self.applied = AppliedParameters(parameters, plan)
         self.located: tuple[float, Point] = (time_s, start_m)

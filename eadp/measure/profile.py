@@ -250,16 +250,16 @@ def powers_at(profile: Profile, asked: Sequence[str], clamp: bool) -> tuple[list
     warnings: list[Fault] = []
     for raw in asked:
         configuration = _configuration(raw, profile.names)
+        extrapolated = False
         try:
-            power_w = profile.power_w_at(configuration, clamp)
+            power_w = profile.power_w_at(configuration)
         except Infeasible as error:
-            expected = "a value inside, or --clamp for the nearest"
-            raise InputError.at("--at", 1, 1, str(error), expected, raw) from None
-        extrapolated = not profile.interpolant.contains(configuration)
-        if extrapolated:
-            taken = configuration_text(profile.names, profile.interpolant.nearest(configuration), ",")
-            message = f"{profile.outside(configuration)}: taken at {taken}"
-            warnings.append(Fault("--at", 1, 1, message, severity="warning"))
+            if not clamp:
+                expected = "a value inside, or --clamp for the nearest"
+                raise InputError.at("--at", 1, 1, str(error), expected, raw) from None
+            extrapolated, nearest = True, profile.interpolant.nearest(configuration)
+            power_w, taken = profile.power_w_at(nearest), configuration_text(profile.names, nearest, ",")
+            warnings.append(Fault("--at", 1, 1, f"{error}: taken at {taken}", severity="warning"))
         named = dict(zip(profile.names, map(shortest, configuration), strict=True))
         values.append({"configuration": named, "power_w": power_w, "extrapolated": extrapolated})
     return values, warnings

@@ -80,19 +80,16 @@ def join_profile(plan: Plan, profile: Profile | None) -> Computing:
         return Computing(rho, None)
     if not running:
         # what the profile measures runs all the same, and the plan does not decide it
-        return Computing(rho, None, load_w=profile.power_w_at(load_configuration(profile), clamp=True))
+        return Computing(rho, None, load_w=profile.power_w_at(load_configuration(profile)))
+    measures = ", ".join(profile.names)
     if len(profile.names) != len(computations):
-        raise EadpError(
-            f"the plan has {len(computations)} computations, the profile measures {len(profile.names)}: "
-            f"{', '.join(profile.names)}"
-        )
+        numbers = f"the plan has {len(computations)} computations, the profile measures {len(profile.names)}"
+        raise EadpError(f"{numbers}: {measures}")
     titles = [parameter.title for parameter in computations]
     order = tuple(range(len(titles)))
     if all(titles):
         if sorted(titles) != sorted(profile.names):
-            raise EadpError(
-                f"the plan's computations are {', '.join(titles)}, the profile's {', '.join(profile.names)}"
-            )
+            raise EadpError(f"the plan's computations are {', '.join(titles)}, the profile's {measures}")
         order = tuple(titles.index(name) for name in profile.names)
     for column, i in enumerate(order):
         unit, measured = computations[i].unit, profile.units[column]
@@ -100,13 +97,9 @@ def join_profile(plan: Plan, profile: Profile | None) -> Computing:
             raise EadpError(f"{profile.names[column]} is in {unit} in the plan and in {measured} in the profile")
     computing = Computing(rho, profile, order)
     for stage in plan.stages:
-        _check_range(computing, stage.sets, stage.index)
-    return computing
-
-
-def _check_range(computing: Computing, sets: Sequence[Box], stage: int) -> None:
-    for corner in ([box.lo for box in sets], [box.hi for box in sets]):
         try:
-            computing.power_w(corner, sets)
+            computing.power_w([box.lo for box in stage.sets], stage.sets)
+            computing.power_w([box.hi for box in stage.sets], stage.sets)
         except Infeasible as error:
-            raise EadpError(f"stage {stage}: {error}") from None
+            raise EadpError(f"stage {stage.index}: {error}") from None
+    return computing

@@ -160,10 +160,8 @@ def estimate(
     std = math.sqrt(slope @ variances @ slope + power_std**2)
     if wanted_w <= 0 or abs(math.log(wanted_w / motor_w(prior))) > UNLIKELY * std:
         low, high = (motor_w(prior) * math.exp(sign * 2 * std) + avionics_w for sign in (-1, 1))
-        raise EadpError(
-            f"{power_w:.3g} W at {speed:g} m/s, of {sheet.mass_kg:g} kg with a span of {sheet.span_m:g} m, "
-            f"of which such an aircraft takes {low:.0f} to {high:.0f} W"
-        )
+        stated = f"{power_w:.3g} W at {speed:g} m/s, of {sheet.mass_kg:g} kg with a span of {sheet.span_m:g} m"
+        raise EadpError(f"{stated}, of which such an aircraft takes {low:.0f} to {high:.0f} W")
     for _ in range(STEPS):
         # x = x₀ + Σg (gᵀΣg)⁻¹ (ln P − h(x) − gᵀ(x₀ − x))
         slope = _slope(*drags_n(x))

@@ -90,6 +90,12 @@ class Profile:
         n = len(points)
         if points.shape != (n, len(self.names)) or len(self.units) != len(self.names):
             raise ValueError(f"{points.shape} configurations do not fit the names {self.names}")
+        if not (np.isfinite(points).all() and np.isfinite(self.power_w).all()):
+            raise ValueError("a configuration or its power is not finite")
+        known, times = np.unique(points, axis=0, return_counts=True)
+        if len(known) < n:
+            twice = configuration_text(self.names, known[np.argmax(times)])
+            raise ValueError(f"the configuration {twice} stands twice")
         order = np.lexsort(points.T[::-1])
         for name in ARRAYS:
             given = getattr(self, name)
@@ -108,15 +114,13 @@ class Profile:
         """The interpolation of power [W] over the configurations."""
         return interpolant(self.configurations, self.power_w, self.interpolation)
 
-    def power_w_at(self, configuration: Sequence[float], clamp: bool = False) -> float:
+    def power_w_at(self, configuration: Sequence[float]) -> float:
         """Average power of the computations at a configuration.
 
         Parameters
         ----------
         configuration : d floats
             One value for each of `names` [units].
-        clamp : bool
-            Outside the measured range, take the nearest configuration inside.
 
         Returns
         -------
@@ -126,40 +130,25 @@ class Profile:
         Raises
         ------
         Infeasible
-            Outside the measured range, unless `clamp`; where a value is not finite, always.
+            Outside the measured range.
 
         Source: letter, Eq. 13 (corrected).
         """
         try:
             return self.interpolant.at(configuration)
         except Infeasible:
-            if not clamp:
-                raise Infeasible(self.outside(configuration)) from None
-            return self.interpolant.at(self.interpolant.nearest(configuration))
+            raise Infeasible(self._outside(configuration)) from None
 
-    def outside(self, configuration: Sequence[float]) -> str:
+    def _outside(self, configuration: Sequence[float]) -> str:
         """Why a configuration of d floats is outside the measured range, as text."""
-        values = list(zip(self.names, configuration, strict=True))
+        bounds = zip(self.names, configuration, self.interpolant.lower, self.interpolant.upper, strict=True)
         parts = [
             f"{name}={value:.10g} is outside the measured {least:.10g} to {most:.10g}"
-            for (name, value), (least, most) in zip(values, map(self.range_of, self.names), strict=True)
+            for name, value, least, most in bounds
             if not least <= value <= most
         ]
         named = configuration_text(self.names, configuration)
         return "; ".join(parts) or f"{named} is outside the hull of the measured ones"
-
-    def range_of(self, name: str) -> tuple[float, float]:
-        """The smallest and the largest measured value of a parameter [its unit].
-
-        Raises
-        ------
-        KeyError
-            If the profile has no parameter of that name.
-        """
-        if name not in self.names:
-            raise KeyError(f"the profile has no parameter {name}, but {', '.join(self.names)}")
-        index = self.names.index(name)
-        return self.interpolant.lower[index], self.interpolant.upper[index]
 
     def levels(self, index: int, lo: float, hi: float, *, measured: bool = False) -> tuple[float, ...]:
         """The values that a computation may take between two bounds, both included.

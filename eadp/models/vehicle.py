@@ -265,7 +265,14 @@ class _Aeroplane:
         wider = min(low, airspeed_mps), max(high, airspeed_mps)
         return replace(self, airspeed_mps=airspeed_mps, airspeed_range_mps=wider)
 
-    def range_faults(self) -> list[str]:
+    def faults(self) -> list[str]:
+        """Why the aeroplane cannot fly as it is stated: its range of airspeeds, or its motor; empty if it can."""
+        found, motor_w = self._range_faults(), self.cruise_power_w - self.avionics_w
+        if motor_w > self.max_power_w:
+            found.append(f"level flight takes {motor_w:.0f} W of a motor of {self.max_power_w:g} W")
+        return found
+
+    def _range_faults(self) -> list[str]:
         """Why the range of airspeeds cannot be flown; empty if it can, or there is none."""
         if self.airspeed_range_mps is None:
             return []
@@ -383,15 +390,12 @@ class FixedWing(_Aeroplane):
         return self.stall_mps * math.sqrt(load_factor(bank_rad))
 
     def faults(self) -> list[str]:
-        """Why the aeroplane cannot hold its airspeed and bank; empty if it can."""
-        found = self.range_faults()
+        """As `_Aeroplane`, and why it cannot hold its airspeed and bank."""
+        found = super().faults()
         if self.airspeed_mps <= self.stall_mps:
             found.append(f"an airspeed of {self.airspeed_mps:g} m/s is below the stall's {self.stall_mps:.1f} m/s")
         elif self.airspeed_mps < self.stall_in_turn_mps(math.radians(self.max_bank_deg)):
             found.append(f"at a bank of {self.max_bank_deg:g}° and {self.airspeed_mps:g} m/s the wing stalls")
-        motor_w = self.cruise_power_w - self.avionics_w
-        if motor_w > self.max_power_w:
-            found.append(f"level flight takes {motor_w:.0f} W of a motor of {self.max_power_w:g} W")
         return found
 
 
@@ -433,16 +437,13 @@ class PowerCurve(_Aeroplane):
         return self.points[0][0], self.points[-1][0]
 
     def faults(self) -> list[str]:
-        """Why the aeroplane cannot fly so: its points, or its motor."""
-        found = self.range_faults()
+        """As `_Aeroplane`, and what is wrong with its points."""
+        found = super().faults()
         speeds = [speed for speed, _ in self.points]
         if any(later <= earlier for earlier, later in itertools.pairwise(speeds)):
             found.append("airspeeds of the points do not rise")
         if min(self.drags_n) <= 0:
             found.append(f"a point draws no more than the avionics' {self.avionics_w:g} W")
-        elif self.cruise_power_w > self.max_motion_w:
-            motor_w = self.cruise_power_w - self.avionics_w
-            found.append(f"level flight takes {motor_w:.0f} W of a motor of {self.max_power_w:g} W")
         return found
 
 

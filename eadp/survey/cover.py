@@ -427,8 +427,7 @@ def _computations(profile: Profile | None, off_on_turns: bool) -> FieldComputati
     if profile is None:
         return FieldComputations()
     sets = []
-    for name in profile.names:
-        lo, hi = profile.range_of(name)
+    for lo, hi in zip(profile.interpolant.lower, profile.interpolant.upper, strict=True):
         lo = max(lo, 0.0)  # bounds of computations are 0 or more
         whole = float(math.ceil(lo)), float(math.floor(hi))
         sets.append(Box(*whole) if whole[0] <= whole[1] else Box(lo, hi))

@@ -23,10 +23,11 @@ from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy import parse_energy
 from eadp.io.plan.sources import PlanReader
 from eadp.io.profile.model_file import parse_profile
-from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
+from eadp.io.scenario import Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import STRICT, Document, keys_document, validated
 from eadp.io.text.yaml import Path as KeyPath
+from eadp.io.vehicle import replaced
 from eadp.plug_ins import code_identity
 from eadp.sweep.engines import Run
 from eadp.sweep.results import SweepFlight
@@ -374,7 +375,7 @@ def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
 def _overlap(one: str, other: str) -> bool:
     """Whether two keys are the same, one contains the other, or an override of one removes the other."""
     section, _, last = other.rpartition(".")
-    if one.rpartition(".")[0] == section and last in REPLACED.get(".".join(one.split(".")[-2:]), ()):
+    if one.rpartition(".")[0] == section and last in replaced(one):
         return True
     return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
 

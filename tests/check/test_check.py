@@ -7,7 +7,7 @@ from common.plans import APPENDIX_PRINTED, APPENDIX_RIGHT, PARTS
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.check.check import check_plan
+from eadp.check.check import check_plan, laps_proven
 from eadp.check.proof import StageProof
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
@@ -186,3 +186,23 @@ def test_findings_name_parameters_that_only_a_loop_variable_depends_on():
     assert "c1 = -900" in message
     text = PARTS.replace("10 + next, 0", "11 + next, 0")
     assert "(at c1 = " in next(item.message for item in checked(text).findings if item.code == "trigger-off-path")
+
+
+def test_laps_are_proven_alike_where_they_are(root, reference):
+    for path in (reference / "plans/plan_specification.pln", root / "plans/survey.plan"):
+        assert laps_proven(read_plan(read_text(str(path)))[0])
+    text = "0.1; 90; {first}\n1 - c1, 100\n[0, 5]\n0.1; 90; {second}\n2 + c1*(c1 + 3) - c1^2 - 4*c1, 100\n[0, 5]\n"
+    assert laps_proven(plan(text.format(first="x - 1 + c1", second="x + c1 - 2")))
+    # by less than sampling sees
+    found = plan(text.format(first="x - 1 + c1", second="x + c1 - 2 + 1e-12"))
+    assert found.primitive_stages == 1
+    assert not laps_proven(found)
+
+
+def test_laps_of_the_short_form_are_alike_in_every_lap():
+    text = "init:\nn = 1\na = 0, 10\npath:\n0.1; 90; {path}\na, 100\ntrig:\n100, 100\n"
+    assert laps_proven(plan(text.format(path="x - a")))
+    # the second lap's line is the first one's moved, the third one's is not
+    later = plan(text.format(path="x - a*(1 + a*(a - 10)/1000)"))
+    assert later.repeats
+    assert not laps_proven(later)

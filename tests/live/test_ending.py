@@ -9,9 +9,8 @@ from common.observations import seen_at
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.live.gate import FAR, Continuation, Departure, is_certain
-from eadp.live.locator import MAX_S, STAYS_S, InitialClimb
+from eadp.live.locator import MAX_S, STAYS_S, FollowedExecutor, InitialClimb
 from eadp.models.plan.cursor import PlanCursor, Rules
-from eadp.models.plan.executor import PlanExecutor
 from eadp.planning.base import Mode, Sample
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
@@ -20,7 +19,7 @@ NORTH = math.pi / 2
 
 def in_lap(lap):
     """On the first stage of a lap of the survey at c1 = 0; laps from 15 on may end the plan, beyond (175, 161)."""
-    executor = PlanExecutor(PlanCursor.start(PLAN, (0.0, 10.0), Rules()), (-45.0, 216.0))
+    executor = FollowedExecutor(PlanCursor.start(PLAN, (0.0, 10.0), Rules()), (-45.0, 216.0))
     for _ in range(4 * lap):
         executor.skip((0.0, 0.0))
     return executor

@@ -5,16 +5,16 @@ import math
 import pytest
 from common import ROOT
 from common.observations import seen_at
+from common.plans import PARTS
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.api.inputs import Files, load_flight
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
-from eadp.live.locator import COURSE_STD_RAD, DISTANCE_STD_M, path_mismatch
+from eadp.live.locator import COURSE_STD_RAD, DISTANCE_STD_M, FollowedExecutor, path_mismatch
 from eadp.live.tracker import Messages, PlanTracker
-from eadp.models.plan.cursor import PlanCursor, Rules
-from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.cursor import PlanCursor, Rules, shift_at
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.plan.stage import leg_points
 
@@ -26,6 +26,10 @@ START, SPEED, PARAMETERS = MISSION.start_m, MISSION.cruise_mps, MISSION.paramete
 LEGS = RoutePredictor().route(PlanCursor.start(PLAN, PARAMETERS), START).legs
 ENDS_S = [sum(leg.distance_m for leg in LEGS[: i + 1]) / SPEED for i in range(len(LEGS))]
 CALM = (0.0, 0.0)
+
+
+def begun(parameters, plan=PLAN, position=START):
+    return FollowedExecutor(PlanCursor.start(plan, parameters, Rules()), position)
 
 
 def nominal(time_s):
@@ -155,7 +159,7 @@ def test_a_placed_flight_fires_its_trigger_on_time():
         for share in (0.1, 0.6):
             points = leg_points(LEGS[number], 0.5)[:, :2].tolist()
             first = round(share * (len(points) - 1))
-            executor = PlanExecutor(PlanCursor.start(PLAN, PARAMETERS, Rules()), START)
+            executor = FollowedExecutor(PlanCursor.start(PLAN, PARAMETERS, Rules()), START)
             for _ in range(number):
                 executor.skip(LEGS[number].start_m)
             here = tuple(points[first])
@@ -167,7 +171,7 @@ def test_a_placed_flight_fires_its_trigger_on_time():
 def test_a_placed_flight_ends_a_circle_that_it_flies_past_outside():
     """Most of a turn, 8 m outside the circle and so outside the trigger's disc: the angle flown ends it."""
     plan, _ = read_plan(Text("circle.plan", CIRCLE))
-    executor = PlanExecutor(PlanCursor.start(plan, (), Rules()), (50.0, 0.0))
+    executor = FollowedExecutor(PlanCursor.start(plan, (), Rules()), (50.0, 0.0))
     sweep_deg = 360 - math.degrees(math.atan2(17.06, 47))
 
     def at(angle_deg):
@@ -177,3 +181,56 @@ def test_a_placed_flight_ends_a_circle_that_it_flies_past_outside():
         placed = executor.placed(executor.cursor, (50.0, 0.0), 1, at(first_deg), first_deg / sweep_deg)
         ends_deg = next(angle for angle in range(first_deg, 720) if placed.advance(*at(angle)))
         assert ends_deg == math.ceil(sweep_deg)
+
+
+# --- where others tell what is flown
+
+
+def test_a_stage_may_be_left_anywhere_and_the_next_ones_lie_where_they_would():
+    led, flown = (begun((0.0, 10.0)) for _ in range(2))
+    here = (500.0, 500.0)
+    for _ in range(5):
+        assert led.skip(here)
+        assert flown.skip(flown.trigger_m)
+    assert (led.stage.index, led.cursor.lap, led.stages_started) == (2, 1, 6)
+    assert led.trigger_m == flown.trigger_m
+    assert led.cursor.offset_m == flown.cursor.offset_m == pytest.approx(shift_at(PLAN, (0.0, 10.0)))
+
+
+def test_a_stage_that_is_told_to_go_on_is_not_left_but_the_plans_end_counts():
+    itinerary = begun((0.0, 10.0))
+    trigger = itinerary.trigger_m
+    for point in ((trigger[0] + 30, trigger[1] + 60), trigger, (trigger[0], trigger[1] - 50)):
+        itinerary.stay(*point)
+    assert (itinerary.stages_started, itinerary.complete) == (1, False)
+    assert itinerary.advance(trigger[0], trigger[1] - 50), "once nothing tells otherwise"
+    line = begun((), read_plan(Text("p", "0.1; 90; x\n0, 400\n"))[0], (0.0, 0.0))
+    line.stay(0.0, 100.0)
+    assert not line.complete
+    line.stay(0.0, 395.0)
+    assert line.complete
+
+
+def test_parameters_that_are_known_to_be_in_force_move_the_path_at_once():
+    told, waiting = (begun((0.0, 10.0)) for _ in range(2))
+    here = told.trigger_m
+    waiting.decide((-500.0, 10.0), here)
+    assert waiting.parameters == (0.0, 10.0)
+    assert told.take_in_force((-500.0, 10.0), here)
+    assert told.parameters == (-500.0, 10.0)
+    assert told.path(*here)[0] == pytest.approx(begun((-500.0, 10.0)).path(*here)[0])
+    assert not told.take_in_force((-500.0, 10.0), here)
+    assert told.take_in_force((-500.0, 99.0), here) is False, "clipped to the stage's set"
+
+
+def test_where_others_tell_what_is_flown():
+    plan, _ = read_plan(Text("p", PARTS))
+    itinerary = begun((0.0, 10.0), plan, (10.0, 0.0))
+    stages = [itinerary.stage.index]
+    ahead = {index: itinerary.stages_to(index) for index in range(len(plan.stages) + 2)}
+    while itinerary.skip((0.0, 0.0)):
+        stages.append(itinerary.stage.index)
+    assert itinerary.complete
+    first = {index: stages.index(index, 1) if index in stages[1:] else None for index in ahead}
+    assert ahead == first
+    assert len(stages) > len(set(stages)), "laps"

@@ -131,7 +131,7 @@ MISSING = "are missing; expected the keys time_s, x_m, y_m, power_w, soc"
     [
         ("", "1: warning: the line is blank; expected a JSON object"),
         ("[1, 2]", '1: warning: is no JSON object; expected an object such as {"time_s": 0, …}'),
-        ('{"time_s": 1', "13: warning: is not JSON: the end of the line cannot stand here; expected a comma or }"),
+        ('{"time_s": 1', "13: warning: is not JSON: expecting ',' delimiter"),
         (b'{"a\xff": 1}', "4: warning: is not UTF-8 text: byte 0xff; expected UTF-8 text"),
         ("{}", f"1: warning: time_s, x_m, y_m, power_w, soc {MISSING}"),
         ('{"time_s": 1, "time_s": 2}', "15: warning: the key time_s stands twice; expected each key once"),

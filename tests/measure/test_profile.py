@@ -161,7 +161,7 @@ FPS_ROW, NO_POINTS = "fps,power_w\n2,5\n", "{schema: eadp.profile/1}"
     ("bodies", "options", "starts"),
     [
         ({"a": TRACE, "b": TRACE}, ASKED, "--config:1:1: error: 1 configurations for 2 files"),
-        ({"a": TRACE}, ASKED, "a.csv:3:1: error: one configuration only"),
+        ({"a": TRACE}, ASKED, "a.csv:1:1: error: one configuration only"),
         ({"a": FPS_ROW, "b": "rate,power_w\n4,5\n"}, {}, "b.csv:1:1: error: measurements of rate; expected fps, as in"),
         ({"a": FPS_ROW, "b": NO_POINTS}, {}, "b.csv:1:1: error: a model among several files; expected measurements"),
         ({"a": NO_POINTS}, ASKED, "a.csv:1:1: error: a model needs no configuration"),

@@ -530,11 +530,12 @@ NO_POSITION = "3:1: error: no position; expected longitude, latitude and perhaps
 @pytest.mark.parametrize(
     ("position", "fault"),
     [
-        *((each, NO_POSITION) for each in ("[1]", "[1, 2, 3, 4]", "[1, true]", "[1, [2, 3]]", "[1e999, 2]", "{}")),
+        *((each, NO_POSITION) for each in ("[1]", "[1, 2, 3, 4]", "[1, true]", "[1, [2, 3]]", "{}")),
         ("[NaN, 2]", "3:2: error: NaN is no number of JSON; expected a finite number"),
-        ("[1, 02]", "3:6: error: is not JSON: 2 cannot stand here; expected a comma or ]"),
-        ("[1, 2", "4:9: error: is not JSON: } cannot stand here; expected a comma or ]"),
-        ("[1, 2]\x00", "3:7: error: is not JSON: \\x00 cannot stand here; expected a comma or ]"),
+        ("[1e999, 2]", "3:2: error: 1e999 is no number of JSON; expected a finite number"),
+        ("[1, 02]", "3:6: error: is not JSON: expecting ',' delimiter"),
+        ("[1, 2", "4:9: error: is not JSON: expecting ',' delimiter"),
+        ("[1, 2]\x00", "3:7: error: is not JSON: expecting ',' delimiter"),
     ],
 )
 def test_faults_of_a_position(position, fault):
@@ -610,10 +611,12 @@ def test_a_document_type_is_refused_before_it_is_read():
 
 
 def test_depth_is_limited():
-    deep = '{"type": "Polygon", "coordinates": ' + "[" * 100_000
+    deep = '{"type": "Polygon", "coordinates": '
+    for text in (deep + "[" * 100_000, '{"a":' * 100_000):
+        assert fault_of(text) == f"1:1: error: nested deeper than {NESTING_LIMIT} levels"
+    deep += "[" * 60 + "]" * 60 + "}"
     # the document is the first level, so that the list at column 36 is the second
     assert fault_of(deep) == f"1:{36 + NESTING_LIMIT - 1}: error: nested deeper than {NESTING_LIMIT} levels"
-    assert fault_of('{"a":' * 100_000) == f"1:{1 + 5 * NESTING_LIMIT}: error: nested deeper than {NESTING_LIMIT} levels"
     inner = '{"type": "GeometryCollection", "geometries": [' * 10 + polygon([*BOX, BOX[0]]) + "]}" * 10
     assert field_of(inner, metres=True).outline == BOX
     assert fault_of("<a>" * 100_000) == "1:300001: error: is not XML: no element found; expected a KML file"

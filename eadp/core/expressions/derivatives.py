@@ -28,19 +28,15 @@ PathFunction = Callable[[float, float], Jet]
 """A path function with its parameters bound: (x, y) [m] → jet. Raises ValueError or ArithmeticError where undefined."""
 
 
-def bind(
-    expression: Expression, parameters: Sequence[float], variables: Mapping[str, float] | None = None
-) -> PathFunction:
+def bind(expression: Expression, values: Mapping[str, float]) -> PathFunction:
     """The path function of an expression at given parameters.
 
     Parameters
     ----------
     expression : Expression
-        In x, y and parameters.
-    parameters : sequence of float
-        c1, c2, …; at least as many as the expression names.
-    variables : mapping of str to float, optional
-        Values of the other names in it.
+        In x, y, parameters and other names.
+    values : mapping of str to float
+        Of every name in it but x and y.
 
     Returns
     -------
@@ -52,7 +48,6 @@ def bind(
         If a part that depends on the parameters alone has no finite real value.
     """
     source, fixed = _generate(expression.node)
-    values = {**tree.named(parameters), **(variables or {})}
     try:
         function: PathFunction = _compiled(source)([value_of(values) for value_of in fixed])
     except (ArithmeticError, ValueError):

@@ -125,26 +125,14 @@ class Expression:
         """The largest index i of any c_i in it; 0 without."""
         return max((int(name[1:]) for name in self.names if PARAMETER.match(name)), default=0)
 
-    def at(
-        self,
-        parameters: Sequence[float] = (),
-        x: float = 0.0,
-        y: float = 0.0,
-        variables: Mapping[str, float] | None = None,
-    ) -> float:
-        """Value for parameters c1, c2, … at a point, and for other names' values.
+    def value(self, values: Mapping[str, float]) -> float:
+        """Value for values of its names.
 
         Raises
         ------
         PathUndefined
-            If it has no finite real value there, or names a parameter that is not given.
+            If it has no finite real value there, or a name has no value.
         """
-        if isinstance(self.node, Number):
-            return self.node.value
-        return self.value({"x": x, "y": y, **named(parameters), **(variables or {})})
-
-    def value(self, values: Mapping[str, float]) -> float:
-        """Value for values of all its names; raises PathUndefined as `at`."""
         try:
             value = self._function(values)
         except (ArithmeticError, ValueError):

@@ -191,10 +191,8 @@ def ways_to_point(start: Pose, point_m: Point, radius_m: float) -> list[tuple[Pi
         arc = 0.0 if 2 * math.pi - arc < WHOLE_TURN_RAD else arc
         arc_m, straight_m = radius_m * arc, math.sqrt(distance**2 - radius_m**2)
         middle = _advanced(start, turn, radius_m, arc_m)
-        pieces = (
-            Piece(turn, start, middle, arc_m, centre),
-            Piece(0, middle, _advanced(middle, 0, math.inf, straight_m), straight_m, None),
-        )
+        end = _advanced(middle, 0, math.inf, straight_m)
+        pieces = (Piece(turn, start, middle, arc_m, centre), Piece(0, middle, end, straight_m, None))
         kept = tuple(piece for piece in pieces if piece.length_m >= MIN_PIECE_M)
         ways.append((arc_m + straight_m, kept))
     return [pieces for _, pieces in sorted(ways, key=lambda way: way[0])]

@@ -274,9 +274,8 @@ class FreeSpace:
         free = shapely.union_all([shapely.Polygon(ring) for ring in inside]) if inside else None
         self._inside = None if free is None else shapely.buffer(free, -clear_m, join_style="mitre")
         # a path may touch a boundary, with its rounding
-        self._inner = shapely.multipolygons(
-            shapely.get_parts(shapely.buffer(shapely.get_parts(self._blocked), -ALONG_M))
-        )
+        inner = shapely.buffer(shapely.get_parts(self._blocked), -ALONG_M)
+        self._inner = shapely.multipolygons(shapely.get_parts(inner))
         self._outer = None if self._inside is None else shapely.buffer(self._inside, ALONG_M)
         shapely.prepare(self._inner)
         shapely.prepare(self._outer)

@@ -97,9 +97,9 @@ def _draw_legs(axes: Axes, plan: Plan, legs: Sequence[Leg], step: float, arrow: 
 
 def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
     """In grey, between the paths at values across their sets, where each lap of the nominal path lies."""
-    if not plan.has_sets or all(plan.hull(i).fixed for i in range(plan.path_count)):
+    boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
+    if all(box.fixed for box in boxes):
         return
-    boxes = [plan.hull(i) for i in range(plan.path_count)]
     rest = parameters[plan.path_count :]
     before: list[FloatArray] = []
     strips: list[FloatArray] = []
@@ -110,17 +110,13 @@ def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
         except PathUndefined:
             before = []
             continue
-        paths = [_points(leg, leg.length_m / (1 if leg.stage.kind == LINE else CORNERS)) for lap in laps for leg in lap]
+        steps_m = ((leg, leg.length_m / (1 if leg.stage.kind == LINE else CORNERS)) for lap in laps for leg in lap)
+        paths = [leg_points(leg, max(step_m, MIN_STEP_M))[:, :2] for leg, step_m in steps_m]
         strips += [np.concatenate([first, last[::-1]]) for first, last in zip(before, paths, strict=False)]
         before = paths
     if strips:
         label = "range of the path parameters, lap by lap"
         draw_areas(axes, strips, color="#c9ced6", alpha=0.45, linewidth=0, zorder=0, label=label)
-
-
-def _points(leg: Leg, step_m: float) -> FloatArray:
-    """Points along a leg [m], shape (n, 2)."""
-    return leg_points(leg, max(step_m, MIN_STEP_M))[:, :2]
 
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
@@ -210,11 +206,8 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: f
 def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence[DecisionRecord]) -> None:
     """What was decided at losses of charge, in its words, and the path that was planned before the last of them."""
     rows = ((step.time_s, step.stage, step.x_m, step.y_m, step.parameters) for step in steps)
-    replay = PlanReplay(
-        PlanCursor.start(world.mission.plan, world.mission.parameters, world.mission.rules),
-        world.start.position_m,
-        rows,
-    )
+    start = PlanCursor.start(world.mission.plan, world.mission.parameters, world.mission.rules)
+    replay = PlanReplay(start, world.start.position_m, rows)
     style: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "dashes": (3, 3), "label": "plan before the loss"}
     for leg in replay.before(lost[-1].time_s):
         axes.plot(*leg_points(leg, max(leg.distance_m / 40, 1.0)).T[:2], zorder=1, **style)

@@ -64,7 +64,7 @@ def read_number(text: str, expected: str, valid: Callable[[float], bool]) -> flo
     offset = len(text) - len(text.lstrip())
     if expression.names:
         raise ExpressionError(offset, f"{printable(text.strip(), 40)} is not a number", expected)
-    value = expression.at()
+    value = expression.value({})
     if not valid(value):
         raise ExpressionError(offset, f"{number_text(value)} cannot stand here", expected)
     return value

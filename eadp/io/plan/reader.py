@@ -247,7 +247,7 @@ class _Reader:
             else:
                 self._header_shift_line = line
                 self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
-        elif self._drafts[-1].trigger_line not in (None, _START):
+        elif self._drafts[-1].trigger_line is not None:
             what = f"stage {len(self._drafts)} has its trigger already"
             self._fault(line, what, "a set like [2, 10] or a new stage")
         else:
@@ -290,10 +290,6 @@ class _Reader:
             self._fault(line, "a set before the first stage", STAGE_EXPECTED)
             return
         draft = self._drafts[-1]
-        if draft.trigger_line is None:
-            what = f"a set before the trigger of stage {len(self._drafts)}"
-            self._fault(line, what, "its trigger, like -115, 146")
-            draft.trigger_line = _START  # one mistake is one fault; a trigger below is still read
         which = f" as set {len(draft.sets) + 1} of stage {len(self._drafts)}"
         draft.sets.append(self._attempt(line, partial(read_box, which=which)))
         draft.set_lines.append(line)
@@ -448,6 +444,9 @@ class _Reader:
             if draft.trigger_line is None:
                 expected = f"the trigger of stage {index} on the next line, like -115, 146"
                 self._fault(draft.line, f"stage {index} has no trigger", expected)
+            elif draft.set_lines and draft.set_lines[0].number < draft.trigger_line.number:
+                what = f"a set before the trigger of stage {index}"
+                self._fault(draft.set_lines[0], what, "its trigger, like -115, 146")
         if not self._drafts:
             return
         self._check_set_counts()
@@ -547,24 +546,19 @@ class _Reader:
         """The segments of a plan; none of the papers' short form."""
         if not self._groups or (len(self._groups) == 1 and not self._groups[0].until):
             return ()
-        return tuple(
-            Segment(
-                group.drafts,
-                len(drafts),
-                tuple(LoopVariable(name, first, shift) for name, (first, shift, _) in group.coordinates.items()),
-                group.until,
-            )
-            for group, drafts in self._group_drafts()
-        )
+        parts = []
+        for group, drafts in self._group_drafts():
+            named = group.coordinates.items()
+            variables = tuple(LoopVariable(name, first, shift) for name, (first, shift, _) in named)
+            parts.append(Segment(group.drafts, len(drafts), variables, group.until))
+        return tuple(parts)
 
     def _compare_header(self, plan: Plan) -> None:
         """A warning where the shift on the first line is neither that of the stages nor its opposite."""
         if plan.header_shift is None or plan.shift is None or shifts_agree(plan.header_shift, plan.shift):
             return
-        message = (
-            f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "
-            f"({point_text(plan.shift)}), nor its opposite"
-        )
+        stated, found = point_text(plan.header_shift), point_text(plan.shift)
+        message = f"the shift ({stated}) is neither what the stages do, ({found}), nor its opposite"
         self._warn(self._header_shift_line, "header-shift", message)
 
     def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Segment, ...]) -> Stage:
@@ -656,17 +650,11 @@ class _Reader:
             elif not moves_with(shift, stage.path, path):
                 message = f"the path of stage {stage.index} does not shift as its trigger does"
                 self._fault(draft.path_line, message, expected)
-        if shift is not None and all(not part.names and part.at() == 0 for part in shift):
+        if shift is not None and all(not part.names and part.value({}) == 0 for part in shift):
             self._fault(_Line(self._drafts[0].line.number, "", 1), "a plan that repeats without a shift", "a shift")
         stages = tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger)
-        return replace(
-            plan,
-            repeats=True,
-            shift=shift,
-            final=self._groups[0].final,
-            primitive_stages=len(plan.stages),
-            short_form=ShortForm(tuple(coordinates), stages),
-        )
+        final, form = self._groups[0].final, ShortForm(tuple(coordinates), stages)
+        return replace(plan, repeats=True, shift=shift, final=final, primitive_stages=len(stages), short_form=form)
 
     # --- reading parts of a line, faults recorded
 

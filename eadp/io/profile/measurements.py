@@ -65,7 +65,6 @@ def read_measurements(tables: Sequence[Text]) -> tuple[Profile, list[Fault]]:
     readings: dict[tuple[float, ...], _Reading] = {}
     layouts: list[_Layout] = []
     sources: list[str] = []
-    last: Row
     for table in tables:
         rows = read_rows(table.name, table.body)
         first = next(rows, None)
@@ -75,13 +74,13 @@ def read_measurements(tables: Sequence[Text]) -> tuple[Profile, list[Fault]]:
         if layouts and layout.measured != layouts[0].measured:
             expected = f"{layouts[0].measured}, as in the first file"
             raise InputError(first.fault(0, f"measurements of {layout.measured}", expected))
-        last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
+        _read_rows(rows if layout.header else chain([first], rows), layout, readings)
         layouts.append(layout)
         name = "standard input" if table.name == "<stdin>" else os.path.basename(table.name)
         sources.append(stated_source(table) or name)
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
-        raise InputError(last.fault(0, message, "measurements of two configurations or more"))
+        raise InputError.at(tables[-1].name, 1, 1, message, "measurements of two configurations or more")
     warnings = [warning for each in layouts for warning in each.warnings]
     warnings += _too_large(max(readings.values(), key=lambda each: each.max_w))
     averages = [average(each.runs) for each in readings.values()]
@@ -152,6 +151,10 @@ class _Layout:
         return ", ".join(f"{column.name} {column.unit}".strip() for column in self.configuration)
 
 
+_NUMBERS_ALONE = (ColumnHeading("c", ""), ColumnHeading("power", "W", 1.0))
+"""A parameter, which is called c, and the power."""
+
+
 class _Reading(NamedTuple):
     """What was measured at a configuration: the row with the first of it, its file's layout, and power [W] by run."""
 
@@ -174,18 +177,13 @@ def _layout(row: Row) -> _Layout:
         raise InputError(row.fault(0, message, expected))
     if len(row.fields) == 1:
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
-    layout = _headerless(row) if headings is None else _header(row, headings)
+    if headings is None and len(row.fields) > 2:
+        raise InputError(row.fault(0, f"{len(row.fields)} columns without names", _A_HEADER))
+    layout = _header(row, headings or _NUMBERS_ALONE)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
-    return layout
-
-
-def _headerless(row: Row) -> _Layout:
-    """Numbers alone: a parameter, which is called c, and the power."""
-    if len(row.fields) > 2:
-        raise InputError(row.fault(0, f"{len(row.fields)} columns without names", _A_HEADER))
-    return _Layout([ColumnHeading("c", ""), ColumnHeading("power", "W", 1.0)], [0], power=1, header=False)
+    return replace(layout, header=headings is not None)
 
 
 def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:
@@ -277,14 +275,10 @@ def _power_column(row: Row, headings: Sequence[ColumnHeading]) -> int:
 # ── rows ──
 
 
-def _read_rows(rows: Iterable[Row], layout: _Layout, readings: dict[tuple[float, ...], _Reading]) -> Row | None:
-    """Add a file's power readings by configuration: consecutive rows make a run.
-
-    Returns the last row, if there is one.
-    """
+def _read_rows(rows: Iterable[Row], layout: _Layout, readings: dict[tuple[float, ...], _Reading]) -> None:
+    """Add a file's power readings by configuration: consecutive rows make a run."""
     faults: list[Fault] = []
     before: tuple[float, ...] | None = None
-    row = None
     columns = (*layout.parameters, layout.power)
     for row in rows:
         if len(faults) >= FAULTS_READ:
@@ -309,4 +303,3 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: dict[tuple[float,
         runs[-1].append(power_w)
         before = point
     refuse(faults)
-    return row

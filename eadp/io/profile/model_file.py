@@ -122,7 +122,7 @@ def _read_model(text: Text) -> Profile:
             source=content.source,
             standard_error_w=np.array([point.standard_error_w for point in points], dtype=np.float64),  # None is NaN
         )
-    except Infeasible as error:
+    except (Infeasible, ValueError) as error:
         raise InputError(document.fault(("points",), str(error))) from None
     try:
         return replace(profile, interpolation=content.interpolation)
@@ -141,16 +141,10 @@ def _faults(document: Document, content: ProfileFile) -> list[Fault]:
             faults.append(document.fault(path, f"{shown} is no name", A_NAME))
         elif name in names[:i]:
             faults.append(document.fault(path, f"the name {name} stands twice", "each once"))
-    seen: set[tuple[float, ...]] = set()
     for i, point in enumerate(content.points):
-        path, at = ("points", i, "at"), tuple(point.at)
-        if len(at) != len(names):
-            message = f"{len(at)} values for {len(names)} parameters"
-            faults.append(document.fault(path, message, "one for each"))
-        elif at in seen:
-            shown = ", ".join(f"{value:g}" for value in at)
-            faults.append(document.fault(path, f"the configuration {shown} stands twice", "each once"))
-        seen.add(at)
+        if len(point.at) != len(names):
+            message = f"{len(point.at)} values for {len(names)} parameters"
+            faults.append(document.fault(("points", i, "at"), message, "one for each"))
     return faults
 
 

@@ -1,8 +1,7 @@
 """JSON reader that keeps the location of every value.
 
 The standard library's reader does not, and a fault in a file of thousands of positions needs its line. Duplicate keys
-and lists or objects nested too deeply are refused. As in the standard library, a number too large for a float is
-infinite.
+and lists or objects nested too deeply are refused.
 """
 
 from __future__ import annotations
@@ -25,14 +24,6 @@ _POSITION = re.compile(
 )
 EXACT_DIGITS = 17
 """Most digits of a whole number that is kept as one."""
-
-
-class _NotFinite(ValueError):
-    """A number that JSON does not have."""
-
-
-def _refused(name: str) -> float:
-    raise _NotFinite(name)
 
 
 def _whole(digits: str) -> float:
@@ -64,19 +55,22 @@ class JsonObject(dict[str, Any]):
 class JsonReader:
     """A reader of JSON that keeps the offset of every value but those within a position.
 
-    `not_finite`: whether NaN and infinities are read, though JSON has none.
+    `not_finite`: whether NaN, infinities and what is too large for a float are read, though JSON has none.
     """
 
     def __init__(self, source: Text, *, not_finite: bool = False) -> None:
-        self.source, self.body = source, source.body
-        self._scalar = json.JSONDecoder(parse_int=_whole, parse_constant=float if not_finite else _refused).raw_decode
+        self.source, self.body, self._not_finite = source, source.body, not_finite
+        self._decoder = json.JSONDecoder(parse_int=_whole)
 
     def document(self) -> Any:
         """The value that the text is."""
-        value, i = self._value(self._skip(0), 1)
-        if i < len(self.body):
-            raise self._fail(i, "the end of the file")
-        return value
+        try:
+            self._decoder.decode(self.body)  # whether it is JSON
+        except json.JSONDecodeError as error:
+            raise self._error(error.pos, f"is not JSON: {error.msg[:1].lower() + error.msg[1:]}") from None
+        except RecursionError:
+            raise self._error(0, f"nested deeper than {NESTING_LIMIT} levels") from None
+        return self._value(self._skip(0), 1)[0]
 
     def _skip(self, i: int) -> int:
         match = _SPACE.match(self.body, i)
@@ -86,58 +80,45 @@ class JsonReader:
     def _error(self, i: int, message: str, expected: str = "") -> InputError:
         return self.source.error(self.source.location(i), message, expected)
 
-    def _fail(self, i: int, expected: str) -> InputError:
-        found = printable(self.body[i : i + 1]) if i < len(self.body) else "the end of the file"
-        return self._error(i, f"is not JSON: {found} cannot stand here", expected)
-
     def _value(self, i: int, depth: int) -> tuple[Any, int]:
         """The value at an offset, and the offset of what follows it and the blanks after it."""
         if depth > NESTING_LIMIT:
             raise self._error(i, f"nested deeper than {NESTING_LIMIT} levels")
-        c = self.body[i : i + 1]
+        c = self.body[i]
         if c == "[" and (position := _POSITION.match(self.body, i)):  # most lists of a file
             place = tuple(float(number) for number in position.groups() if number)
             if all(map(math.isfinite, place)):
                 return place, self._skip(position.end())
-        if c in ("[", "{"):
-            value: JsonList | JsonObject = JsonList() if c == "[" else JsonObject()
-            return value, self._skip(self._members(i, depth, value))
-        try:
-            scalar, end = self._scalar(self.body, i)
-        except _NotFinite as error:
-            raise self._error(i, f"{error} is no number of JSON", "a finite number") from None
-        except json.JSONDecodeError as error:
-            if c != '"':
-                raise self._fail(i, "a value") from None
-            message = f"is not JSON: {printable(error.msg[:1].lower() + error.msg[1:])}"
-            raise self._error(error.pos, message, "a string in quotes") from None
+        if c == "[":
+            return self._list(self._skip(i + 1), depth)
+        if c == "{":
+            return self._object(self._skip(i + 1), depth)
+        scalar, end = self._decoder.raw_decode(self.body, i)
+        if isinstance(scalar, float) and not (self._not_finite or math.isfinite(scalar)):
+            raise self._error(i, f"{printable(self.body[i:end], 40)} is no number of JSON", "a finite number")
         return scalar, self._skip(end)
 
-    def _members(self, i: int, depth: int, into: JsonList | JsonObject) -> int:
-        """Read the members of a list or an object that begins at an offset; return that of what follows it."""
-        close, i = "]" if isinstance(into, JsonList) else "}", self._skip(i + 1)
-        if self.body[i : i + 1] == close:
-            return i + 1
-        while True:
-            if isinstance(into, JsonList):
-                into.offsets.append(i)
-                value, i = self._value(i, depth + 1)
-                into.append(value)
-            else:
-                if self.body[i : i + 1] != '"':
-                    raise self._fail(i, "a key in quotes")
-                key, after = self._value(i, depth)
-                if key in into:
-                    raise self._error(i, f"the key {printable(key, 80)} stands twice", "each key once")
-                if self.body[after : after + 1] != ":":
-                    raise self._fail(after, "a colon")
-                into.offsets[key] = i = self._skip(after + 1)
-                into[key], i = self._value(i, depth + 1)
-            if self.body[i : i + 1] == close:
-                return i + 1
-            if self.body[i : i + 1] != ",":
-                raise self._fail(i, f"a comma or {close}")
-            i = self._skip(i + 1)
+    def _list(self, i: int, depth: int) -> tuple[JsonList, int]:
+        """The list whose elements begin at an offset, and what follows it as `_value`."""
+        found = JsonList()
+        while self.body[i] != "]":
+            found.offsets.append(i)
+            value, i = self._value(i, depth + 1)
+            found.append(value)
+            i = self._skip(i + 1) if self.body[i] == "," else i
+        return found, self._skip(i + 1)
+
+    def _object(self, i: int, depth: int) -> tuple[JsonObject, int]:
+        """The object whose members begin at an offset, and what follows it as `_value`."""
+        found = JsonObject()
+        while self.body[i] != "}":
+            key, colon = self._value(i, depth)
+            if key in found:
+                raise self._error(i, f"the key {printable(key, 80)} stands twice", "each key once")
+            found.offsets[key] = i = self._skip(colon + 1)
+            found[key], i = self._value(i, depth + 1)
+            i = self._skip(i + 1) if self.body[i] == "," else i
+        return found, self._skip(i + 1)
 
 
 def json_lines(text: Text, *, whole: bool = False) -> list[dict[str, Any]]:

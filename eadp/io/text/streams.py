@@ -244,14 +244,9 @@ def _stranger(folder: Path) -> str | None:
         files = {Path(name) for name in document["files"] if document["schema"] == FILES_SCHEMA}
     except (InputError, LookupError, RecursionError, TypeError, ValueError):
         files = set()
-    folders = {parent for file in files for parent in file.parents}
-    for root, inner, names in os.walk(folder):
-        inner.sort()
-        for each in sorted(Path(root, name) for name in inner + names):
-            relative = each.relative_to(folder)
-            if each.is_symlink() or relative not in (folders if each.is_dir() else files):
-                return str(relative)
-    return None
+    known = files | {parent for file in files for parent in file.parents}
+    found = ((path.relative_to(folder), path.is_symlink()) for path in sorted(folder.rglob("*")))
+    return next((str(name) for name, is_link in found if is_link or name not in known), None)
 
 
 def _swap(new: Path, target: Path) -> None:

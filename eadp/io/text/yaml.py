@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, TypeVar, get_origin
 
@@ -137,10 +137,9 @@ def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fau
         location = _location(key_node.start_mark)
         key = key_node.value if isinstance(key_node, ScalarNode) else None
         if key is None or key in result:
-            document.places[(*path, "?")] = location
-            what = ("a key that is not a name", "a name")
-            what = what if key is None else (f"the key {printable(key)} stands twice", "it once")
-            faults.append(document.fault((*path, "?"), *what))
+            wrong = ("a key that is not a name", "a name")
+            wrong = wrong if key is None else (f"the key {printable(key)} stands twice", "it once")
+            faults.append(document.source.fault(location, *wrong))
             continue
         result[key] = _build(value_node, (*path, key), document, faults)
         # the location is the key's: an empty value has none, and a block starts a line later
@@ -288,7 +287,7 @@ def validated(
             content, problems = _content(model, value)
     if problems:
         found = [_schema_fault(document, each, model, value, i < SUGGESTIONS) for i, each in enumerate(problems)]
-        raise InputError(*_merged(found))
+        raise InputError(*found)
     faults = check(content) if check is not None else []
     refuse(faults)
     return content
@@ -312,17 +311,6 @@ def _content(model: Any, value: Any) -> tuple[Any, list[Any]]:
         return _adapter(model).validate_json(json.dumps(value)), []
     except ValidationError as error:
         return None, error.errors()
-
-
-def _merged(faults: list[Fault]) -> list[Fault]:
-    """Faults of one value that fits no member of a union, as one: each member is what was expected."""
-    merged: dict[tuple[str, int, int, str], Fault] = {}
-    for fault in faults:
-        key = (fault.file, fault.line, fault.column, fault.message)
-        before = merged.get(key)
-        both = f"{before.expected} or {fault.expected}" if before and before.expected else fault.expected
-        merged[key] = replace(fault, expected=both)
-    return list(merged.values())
 
 
 def _schema_fault(document: Document, problem: Any, model: Any, value: Any, suggests: bool) -> Fault:

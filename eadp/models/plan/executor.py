@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import math
 from collections.abc import MutableSequence, Sequence
 
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import CIRCLE, LINE, CircleTrack, LineTrack, Point, project, tangent
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Vector, cursors
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.stage import Stage
 
 FIRED, ENDED = 1, 2
@@ -273,35 +272,6 @@ class PlanExecutor:
             return changed
         return self._change(self.cursor.decide(values), position) or changed
 
-    def take_in_force(self, parameters: Sequence[float], position: Point) -> bool:
-        """Take parameters that are known to be in force, whatever was decided; return whether they are others.
-
-        Raises
-        ------
-        PathUndefined
-            If the path has no value at them.
-        """
-        values = tuple(parameters)
-        if values == self.cursor.parameters:
-            return False
-        return self._change(self.cursor.in_force(values), position)
-
-    def placed(
-        self, cursor: PlanCursor, joined_m: Point, stages_started: int, position: Point, share: float
-    ) -> PlanExecutor:
-        """A flight through the same plan that is somewhere else: a share along a stage, at a position [m].
-
-        Raises
-        ------
-        PathUndefined
-            As `advance`.
-        """
-        other = copy.copy(self)
-        other.cursor, other.joined_m, other.stages_started = cursor, joined_m, stages_started
-        other._lay_out(position)
-        other.watch.resume(share)
-        return other
-
     def advance(self, x: float, y: float) -> bool:
         """Go on where the stage, or the plan, ends at a position [m]; return whether the stage has changed.
 
@@ -324,54 +294,6 @@ class PlanExecutor:
             self.complete = self.complete or bool(events & ENDED)
             return False
         return self._leave((x, y), ended=bool(events & ENDED))
-
-    def skip(self, position: Point) -> bool:
-        """Leave the stage at a position [m], wherever its trigger is; return whether another one has started.
-
-        Raises
-        ------
-        PathUndefined
-            As `advance`.
-        """
-        return self._leave(position, ended=bool(self.watch.events(*position) & ENDED))
-
-    def stay(self, x: float, y: float) -> None:
-        """Take a position [m] at which the stage is known to go on: only the plan's end counts.
-
-        Raises
-        ------
-        PathUndefined
-            If the next lap's loop variables have no value.
-        """
-        events = self.watch.events(x, y)
-        self.complete = bool(events & ENDED) or (bool(events & FIRED) and self.cursor.next() is None)
-
-    def past_end(self) -> PlanExecutor | None:
-        """The flight that goes on where this one is complete, without its end on this leg; None without a next stage.
-
-        Raises
-        ------
-        PathUndefined
-            If the next lap's loop variables have no value.
-        """
-        if self.cursor.next() is None:
-            return None
-        other = copy.copy(self)
-        other.complete, other.watch = False, self.watch.without_end()
-        return other
-
-    def stages_to(self, index: int) -> int | None:
-        """In how many stages from here the next one of an index (from 1) starts; None where none will.
-
-        Raises
-        ------
-        PathUndefined
-            If a lap's loop variables have no value.
-        """
-        if not 1 <= index <= len(self.cursor.table.plan.stages):
-            return None
-        ahead = itertools.islice(cursors(self.cursor), 1, LAP_LIMIT)
-        return next((count for count, cursor in enumerate(ahead, 1) if cursor.stage.index == index), None)
 
     def _change(self, cursor: PlanCursor, position: Point) -> bool:
         before, self.cursor = self.cursor, cursor

@@ -96,10 +96,8 @@ def piece_path(piece: Piece) -> PathText:
     x, y, heading = piece.start
     if piece.centre_m is not None:
         cx, cy = map(rounded_text, piece.centre_m)
-        rotation = 90 if piece.turn > 0 else 270
-        return PathText(
-            circle_text((cx, cy), rounded_text(piece.radius_m)), rotation, GAIN_PER_M / (2 * piece.radius_m)
-        )
+        circle, rotation = circle_text((cx, cy), rounded_text(piece.radius_m)), 90 if piece.turn > 0 else 270
+        return PathText(circle, rotation, GAIN_PER_M / (2 * piece.radius_m))
     # the gradient a quarter turn to the right of the travel: rotation 90 turns it back
     nx, ny = direction_cosine(math.sin(heading)), direction_cosine(-math.cos(heading))
     rotation = 90

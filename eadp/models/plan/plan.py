@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -193,14 +194,12 @@ class Plan:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters: c1..cρ of the paths, then the computations."""
-        count = len(self.stages[0].sets) or max(self.path_count, self.path_count + len(self.computations))
-        names = [f"c{i + 1}" for i in range(count)]
-        titles = (*self.titles, *[Title("")] * self.path_count)
-        result = [Parameter(name, PATH, *title) for name, title in zip(names[: self.path_count], titles, strict=False)]
-        for k, name in enumerate(names[self.path_count :]):
-            title, unit = self.computations[k] if k < len(self.computations) else ("", "")
-            result.append(Parameter(name, COMPUTATION, title, unit))
-        return tuple(result)
+        names = [f"c{i + 1}" for i in range(len(self.stages[0].sets) or self.path_count + len(self.computations))]
+        titles = itertools.chain(self.titles, itertools.repeat(Title("")))
+        computations = itertools.chain(self.computations, itertools.repeat(("", "")))
+        paths = [Parameter(name, PATH, *title) for name, title in zip(names[: self.path_count], titles, strict=False)]
+        others = zip(names[self.path_count :], computations, strict=False)
+        return (*paths, *(Parameter(name, COMPUTATION, *title) for name, title in others))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -220,16 +219,6 @@ class Plan:
         return one_of([item.label for item in self.parameters], name) or "none: the plan has no parameters"
 
     @cached_property
-    def path_names(self) -> tuple[str, ...]:
-        """The path parameters that a stage, a loop variable or the shift names."""
-        named = set().union(*(part.names for part in self.shift or ()))
-        for stage in self.stages:
-            named |= stage.path.names.union(*(part.names for part in stage.trigger))
-        for q in (q for segment in self.segments for q in segment.variables):
-            named |= q.first.names | (q.shift.names if q.shift else set())
-        return tuple(name for name in self.names[: self.path_count] if name in named)
-
-    @cached_property
     def quality_sets(self) -> tuple[tuple[Box, ...], ...]:
         """The sets of each stage as the quality U counts them: path parameters that alter nothing there have no choice.
 
@@ -247,15 +236,12 @@ class Plan:
             of_lap += [part.names for q in segment.variables if q.shift for part in (q.first, q.shift)]
             named = [frozenset().union(*named, *of_lap)] * len(stages)
         dependent = [segment.dependent(name) for name in self.names[: self.path_count]]
-        return [
-            tuple(
-                [
-                    box if i >= len(dependent) or names & dependent[i] else Box(box.lo, box.lo)
-                    for i, box in enumerate(stage.sets)
-                ]
-            )
-            for stage, names in zip(stages, named, strict=True)
-        ]
+        counted = []
+        for stage, names in zip(stages, named, strict=True):
+            paths = zip(stage.sets, dependent, strict=False)
+            chosen = (box if names & own else Box(box.lo, box.lo) for box, own in paths)
+            counted.append((*chosen, *stage.sets[self.path_count :]))
+        return counted
 
     @property
     def ends_at_trigger(self) -> bool:

@@ -492,10 +492,9 @@ class RouteArrays(NamedTuple):
         first_run = runs_after - runs
         beyond_m = np.zeros(int(runs_after[-1]))
         beyond_m[runs_after - 1] = [route.beyond_m for route in routes]
-        order, run, scales = (
-            np.concatenate(arrays)
-            for arrays in zip(*((route.order, route.runs, route.scales) for route in routes), strict=True)
-        )
+        order = np.concatenate([route.order for route in routes])
+        run = np.concatenate([route.runs for route in routes])
+        scales = np.concatenate([route.scales for route in routes])
         place = np.repeat(np.arange(len(routes)), counts)
         rows = routes[0].table.rows
         return cls(rows, order, place, after - counts, after - 1, run + first_run[place], first_run, scales, beyond_m)

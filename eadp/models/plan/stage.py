@@ -81,16 +81,9 @@ class Segment:
         values = named(parameters)
         return tuple([q.first.value(values) for q, _ in self._changing])
 
-    def values(self, parameters: Sequence[float], state: State) -> Mapping[str, float]:
-        """Every loop variable's value in a lap."""
-        if not self.variables:
-            return {}
-        known = self._known(parameters, state)
-        return {q.name: known[q.name] for q in self.variables}
-
     def next(self, parameters: Sequence[float], state: State) -> State:
         """The state of the next lap."""
-        known = self._known(parameters, state)
+        known = self.values(parameters, state)
         return tuple([value + shift.value(known) for (_, shift), value in zip(self._changing, state, strict=True)])
 
     def over(self, parameters: Sequence[float], state: State) -> bool:
@@ -100,7 +93,7 @@ class Segment:
     def left(self, parameters: Sequence[float], state: State) -> float:
         """How far the end of a repeated segment is at a state: b − a, 0 or less where no further lap is flown."""
         assert self.until is not None
-        known = self._known(parameters, state)
+        known = self.values(parameters, state)
         return self.until[1].value(known) - self.until[0].value(known)
 
     def first_lap(self) -> dict[str, Expression]:
@@ -127,8 +120,8 @@ class Segment:
                 known[q.name] = substituted(q.first, known) if known else q.first
         return known
 
-    def _known(self, parameters: Sequence[float], state: State) -> dict[str, float]:
-        """Every name's value: parameters, then what changes from lap to lap, then formulas in their order."""
+    def values(self, parameters: Sequence[float], state: State) -> dict[str, float]:
+        """Every name's value in a lap: parameters, then what changes from lap to lap, then formulas in their order."""
         known = named(parameters)
         known.update(zip([q.name for q, _ in self._changing], state, strict=True))
         for q in self.variables:
@@ -296,7 +289,7 @@ class Stage:
             If it has no value there; the message names the stage.
         """
         try:
-            return bind(self.path, parameters, self._variables(parameters, state))
+            return bind(self.path, self._values(parameters, state))
         except PathUndefined as error:
             raise PathUndefined(f"the path of stage {self.index} {error}") from None
 
@@ -308,12 +301,12 @@ class Stage:
         PathUndefined
             If it has no value there; the message names the stage.
         """
-        variables = self._variables(parameters, state)
-        return point_at(self.trigger, parameters, f"the trigger of stage {self.index}", variables)
+        return _point(self.trigger, self._values(parameters, state), f"the trigger of stage {self.index}")
 
-    def _variables(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
+    def _values(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
+        """The values of parameters and loop variables by name."""
         if self.segment is None:
-            return {}
+            return named(parameters)
         return self.segment.values(parameters, self.segment.start(parameters) if state is None else state)
 
     def track(self, path: PathFunction, end: Point) -> Track:
@@ -321,18 +314,21 @@ class Stage:
         return TRACKS[self.kind](path, end, self.sense)
 
 
-def point_at(
-    point: PointExpression, parameters: Sequence[float], what: str, variables: Mapping[str, float] | None = None
-) -> Point:
-    """A point [m] at given parameters and loop variables.
+def point_at(point: PointExpression, parameters: Sequence[float], what: str) -> Point:
+    """A point [m] at given parameters.
 
     Raises
     ------
     PathUndefined
         If it has no value there; the message starts with `what`.
     """
+    return _point(point, named(parameters), what)
+
+
+def _point(point: PointExpression, values: Mapping[str, float], what: str) -> Point:
+    """`point_at` by values of parameters and loop variables."""
     try:
-        return point[0].at(parameters, variables=variables), point[1].at(parameters, variables=variables)
+        return point[0].value(values), point[1].value(values)
     except PathUndefined as error:
         raise PathUndefined(f"{what}: {error}") from None
 
@@ -398,11 +394,3 @@ def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> f
     cut_m = leg.length_m - leg.distance_m
     left = leg.track.remaining_m(leg.local_m(position), leg.distance_m - flown_m + cut_m) - cut_m
     return min(max(left, 0.0), leg.distance_m + early_m)
-
-
-def rest_of(leg: Leg, position: Point, flown_m: float) -> Leg:
-    """A leg from a position on [m], with about the distance flown on it so far [m]; see `left_m`."""
-    rest_m = min(left_m(leg, position, flown_m), leg.distance_m)
-    (ox, oy), (x, y) = leg.offset_m, leg.track.nearest(leg.local_m(position))
-    cut_m = leg.length_m - leg.distance_m
-    return leg._replace(start_m=(x + ox, y + oy), length_m=rest_m + cut_m, flown_m=rest_m)

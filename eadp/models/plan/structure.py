@@ -5,12 +5,13 @@ Source: letter, Def. II.5 and Eq. 2; draft 004, Eq. 1. The rank test of draft 00
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.expressions.algebra import cancels, is_zero, simplified
+from eadp.core.expressions.algebra import is_zero, simplified
 from eadp.core.expressions.tree import Expression, Symbol, constant, difference, substituted, total
 from eadp.errors import ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan
@@ -19,21 +20,10 @@ from eadp.models.plan.stage import PointExpression
 SAMPLES = (0.0, 0.137, 0.574, 0.911)
 """Sampled values of the parameters, as shares of their sets; without sets, the parameters themselves."""
 
-OFFSETS_M = (
-    (0.0, 0.0),
-    (31.7, 8.9),
-    (-23.3, 41.1),
-    (5.3, -37.9),
-    (-47.7, -13.1),
-    (67.1, 61.3),
-    (11.9, 83.3),
-    (-71.3, 29.9),
-)
-"""Points round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
+OFFSETS_M = [(11.9 * i * math.cos(2.4 * i), 11.9 * i * math.sin(2.4 * i)) for i in range(8)]
+"""Points on a spiral round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
 
 TOLERANCE = 1e-9
-
-_PathTrigger = tuple[Expression, PointExpression]
 
 
 def find_structure(plan: Plan) -> tuple[int, PointExpression] | None:
@@ -61,60 +51,27 @@ def find_structure(plan: Plan) -> tuple[int, PointExpression] | None:
     return None
 
 
-def structure_proven(plan: Plan) -> bool:
-    """Whether every stage is shown symbolically to be the one n before it, moved by d(c): e_j = 0 for all x, y and c.
-
-    False where the structure is known by value alone: in plans of segments, and of what is too large.
-
-    Source: letter, Eq. 2.
-    """
-    if plan.shift is None:
-        return False
-    dx, dy = plan.shift
-    try:
-        return all(
-            cancels(difference(_moved(later, plan.shift), path))
-            and cancels(difference(later_x, total(x, dx)))
-            and cancels(difference(later_y, total(y, dy)))
-            for (path, (x, y)), (later, (later_x, later_y)) in _lap_pairs(plan)
-        )
-    except ExpressionError:  # too large when substituted
-        return False
-
-
 def moves_with(shift: PointExpression, first: Expression, later: Expression) -> bool:
     """Whether later(p + d, c) − first(p, c) is the same for every p, by value; so, too, where it is too large to tell.
 
     Source: letter, Eq. 2, in which it is the constant e_j.
     """
     try:
-        gap = difference(_moved(later, shift), first)
-        return equal(gap, _moved(gap, (constant(37.3), constant(-11.9))))
+        gap = difference(moved(later, shift), first)
+        return equal(gap, moved(gap, (constant(37.3), constant(-11.9))))
     except ExpressionError:
         return True
 
 
-def _moved(path: Expression, shift: PointExpression) -> Expression:
+def moved(path: Expression, shift: PointExpression) -> Expression:
     """A path function of p, of p + d."""
     dx, dy = shift
-    return substituted(path, {"x": total(_symbol("x"), dx), "y": total(_symbol("y"), dy)})
+    return substituted(path, {"x": total(symbol("x"), dx), "y": total(symbol("y"), dy)})
 
 
-def _symbol(name: str) -> Expression:
+def symbol(name: str) -> Expression:
+    """The expression of a name."""
     return Expression(Symbol(name), {name: 0})
-
-
-def _lap_pairs(plan: Plan) -> list[tuple[_PathTrigger, _PathTrigger]]:
-    """Path and trigger of each stage that has one n before it: of that one, and its own."""
-    if plan.short_form is None:
-        parts: list[_PathTrigger] = [(stage.path, stage.trigger) for stage in plan.stages]
-        return list(zip(parts, parts[plan.primitive_stages :], strict=False))
-    # in the names of the coordinates, which the shift moves from any lap to the next
-    moves = {name: total(_symbol(name), move) for name, _, move in plan.short_form.coordinates}
-    return [
-        ((path, (x, y)), (substituted(path, moves), (substituted(x, moves), substituted(y, moves))))
-        for path, (x, y) in plan.short_form.stages
-    ]
 
 
 def shifts_agree(stated: PointExpression, found: PointExpression) -> bool:
@@ -169,9 +126,9 @@ def _samples(plan: Plan) -> list[Sequence[float]]:
 def equal(a: Expression, b: Expression) -> bool:
     """Whether two expressions have the same value for all values of their symbols."""
     gap = difference(a, b)
-    return is_zero(gap.node) if gap.names else abs(gap.at()) < TOLERANCE
+    return is_zero(gap.node) if gap.names else abs(gap.value({})) < TOLERANCE
 
 
 def tidy(expression: Expression) -> Expression:
     """A number where it is one, else as simple as sympy makes it."""
-    return simplified(expression) if expression.names else constant(round(expression.at(), 12))
+    return simplified(expression) if expression.names else constant(round(expression.value({}), 12))

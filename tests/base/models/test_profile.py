@@ -20,19 +20,15 @@ PEDNET = profile({2: 5.21438, 4: 6.94212, 6: 8.68095, 8: 9.78429, 10: 10.2112})
 HALF = profile({0.5: 3.33, 1: 3.34, 2: 3.36, 10: 3.46})
 
 
-def test_outside_is_refused_or_clamped() -> None:
+def test_outside_is_refused() -> None:
     with pytest.raises(Infeasible, match=r"^fps=12 is outside the measured 2 to 10$"):
         PEDNET.power_w_at((12.0,))
-    assert PEDNET.power_w_at((12.0,), clamp=True) == 10.2112
-    assert PEDNET.power_w_at((0.0,), clamp=True) == 5.21438
-    assert not PEDNET.interpolant.contains((12.0,))
-    assert PEDNET.interpolant.contains((10.0,))
-
-
-@pytest.mark.parametrize("clamp", [False, True])
-def test_nan_is_never_a_power(clamp: bool) -> None:
+    assert PEDNET.power_w_at(PEDNET.interpolant.nearest((12.0,))) == 10.2112
+    assert PEDNET.power_w_at(PEDNET.interpolant.nearest((0.0,))) == 5.21438
     with pytest.raises(Infeasible):
-        PEDNET.power_w_at((math.nan,), clamp)
+        PEDNET.power_w_at((math.nan,))
+    with pytest.raises(Infeasible):
+        PEDNET.interpolant.nearest((math.nan,))
 
 
 def test_outside_the_hull_though_inside_each_range() -> None:

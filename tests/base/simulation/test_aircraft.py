@@ -23,8 +23,8 @@ from eadp.simulation.aircraft import (
     state_of,
 )
 
-LINE = bind(read_expression("x"), [])
-CIRCLE = bind(read_expression("x^2+y^2-75^2"), [])
+LINE = bind(read_expression("x"), {})
+CIRCLE = bind(read_expression("x^2+y^2-75^2"), {})
 STILL = (0.0, 0.0)
 
 

@@ -30,7 +30,7 @@ class Plane:
 
 
 def path(text):
-    return bind(read_expression(text), ())
+    return bind(read_expression(text), {})
 
 
 def fly(plane, along, seconds, gain=0.1, sense=1, wind=CALM):

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import named
 from eadp.errors import ExpressionError, PathUndefined
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
@@ -17,7 +18,7 @@ POINT = (1.3, 0.45)
 
 
 def jet_of(text, point=POINT, parameters=C):
-    return bind(read_expression(text), parameters)(*point)
+    return bind(read_expression(text), named(parameters))(*point)
 
 
 def close(jet):
@@ -93,8 +94,8 @@ points = st.tuples(coordinate, coordinate)
 def derivative_jumps(text, point):
     """Whether a point is at, or within rounding of, a kink of abs, min or max: there differences mean nothing."""
     try:
-        one = bind(read_expression(text), C)(*point)
-        near = bind(read_expression(text), C)(point[0] + 1e-9, point[1] + 2e-9)
+        one = bind(read_expression(text), named(C))(*point)
+        near = bind(read_expression(text), named(C))(point[0] + 1e-9, point[1] + 2e-9)
     except (ArithmeticError, ValueError):
         return True
     return any(abs(a - b) > 1e-5 * (1 + abs(a)) for a, b in zip(one, near, strict=True))
@@ -111,14 +112,14 @@ def test_jet_by_differences(text, point):
 
 @given(texts, points)
 def test_the_value_is_that_of_the_expression(text, point):
-    wanted = read_expression(text).at(C, *point)
+    wanted = read_expression(text).value({**named(C), "x": point[0], "y": point[1]})
     assert jet_of(text, point)[0] == pytest.approx(wanted, rel=RELATIVE, abs=ABSOLUTE)
 
 
 def test_constants_and_parameters_of_one_path_do_not_reach_another():
-    one, other = bind(read_expression("c1*x - 5"), (2.0,)), bind(read_expression("c1*x - 7"), (3.0,))
+    one, other = bind(read_expression("c1*x - 5"), named((2.0,))), bind(read_expression("c1*x - 7"), named((3.0,)))
     assert (one(10, 0)[0], other(10, 0)[0]) == (15, 23)
-    again = bind(read_expression("c1*x - 5"), (4.0,))
+    again = bind(read_expression("c1*x - 5"), named((4.0,)))
     assert (again(10, 0)[0], one(10, 0)[0]) == (35, 15)
 
 
@@ -132,7 +133,7 @@ def test_the_deepest_expression_that_reads_can_be_flown(before):
             break
         except ExpressionError:
             levels -= 1
-    path = bind(expression, ())
+    path = bind(expression, {})
     try:
         assert len(path(0.5, 0.5)) == 6
     except OverflowError:
@@ -150,19 +151,19 @@ def test_the_deepest_expression_that_reads_can_be_flown(before):
     ],
 )
 def test_undefined_at_a_point_is_an_arithmetic_error(text, point):
-    path = bind(read_expression(text), ())
+    path = bind(read_expression(text), {})
     with pytest.raises((ArithmeticError, ValueError)):
         path(*point)
 
 
 @pytest.mark.parametrize("text", ["x - sqrt(4900 + c1)", "x*log(4900 + c1)", "x/(c1 + 5000)", "(c1 + 4900)^0.5*y"])
 def test_undefined_at_parameters_is_said_when_they_are_bound(text):
-    bind(read_expression(text), (0.0,))
+    bind(read_expression(text), named((0.0,)))
     with pytest.raises(PathUndefined, match="no finite real value at these parameters"):
-        bind(read_expression(text), (-5000.0,))
+        bind(read_expression(text), named((-5000.0,)))
 
 
 def test_a_parameter_without_a_value():
     with pytest.raises(PathUndefined, match="names a parameter that has no value"):
-        bind(read_expression("x - c2"), (1.0,))
-    assert bind(read_expression("x - c2"), (1.0, 2.0, 3.0))(5, 0)[0] == 3
+        bind(read_expression("x - c2"), named((1.0,)))
+    assert bind(read_expression("x - c2"), named((1.0, 2.0, 3.0)))(5, 0)[0] == 3

@@ -22,6 +22,7 @@ from eadp.core.expressions.tree import (
     SIZE_LIMIT,
     constant,
     difference,
+    named,
     number_text,
     substituted,
     total,
@@ -39,14 +40,19 @@ def error_of(text, *names):
     return caught.value
 
 
+def at(expression, parameters=(), x=0.0, y=0.0):
+    """The value of an expression at parameters c1, c2, … and a point."""
+    return expression.value({"x": x, "y": y, **named(parameters)})
+
+
 def value_of(text):
-    return read_expression(text).at((PLACE["c1"], PLACE["c2"]), PLACE["x"], PLACE["y"])
+    return at(read_expression(text), (PLACE["c1"], PLACE["c2"]), PLACE["x"], PLACE["y"])
 
 
 def test_arithmetic_of_expressions():
     a, b = (read_expression(text) for text in ("c1*x - 1", "abs(y) + c2"))
-    assert total(a, b).at((3.0, 0.75), 1.25, -2.5) == 3.0 * 1.25 - 1 + 2.5 + 0.75
-    assert difference(a, b).at((3.0, 0.75), 1.25, -2.5) == 3.0 * 1.25 - 1 - 2.5 - 0.75
+    assert at(total(a, b), (3.0, 0.75), 1.25, -2.5) == 3.0 * 1.25 - 1 + 2.5 + 0.75
+    assert at(difference(a, b), (3.0, 0.75), 1.25, -2.5) == 3.0 * 1.25 - 1 - 2.5 - 0.75
     assert total(a, b).size == difference(a, b).size == a.size + b.size + 1
     assert {*total(a, b).offsets} == {*a.offsets, *b.offsets}
     shared = read_expression("2 + c1")
@@ -201,7 +207,7 @@ def test_names_and_offsets():
 
 def test_lists_of_expressions():
     first, second = read_expressions("-115, 150 - 2*sqrt(4900 + c1)", count=2)
-    assert (first.at(), second.at((0,))) == (-115, 10)
+    assert (at(first), at(second, (0,))) == (-115, 10)
     assert second.offsets == {"c1": 26}, "in the whole text"
     assert len(read_expressions("1, min(2, 3), (4)")) == 3
     with pytest.raises(ExpressionError, match="1 of 2 values") as caught:
@@ -255,9 +261,9 @@ def test_canonical_text_worked_by_hand(text, canonical):
 @given(st.floats(0, CONSTANT_LIMIT))
 def test_numbers_keep_every_digit(value):
     assert float(number_text(value)) == value
-    assert read_expression(number_text(value)).at() == value
-    assert constant(-value).at() == -value
-    assert read_expression(constant(-value).text).at() == -value
+    assert at(read_expression(number_text(value))) == value
+    assert at(constant(-value)) == -value
+    assert at(read_expression(constant(-value).text)) == -value
 
 
 # --- constants that are no numbers ------------------------------------------------------------------------------------
@@ -335,7 +341,7 @@ def fails(text):
 
 
 def test_digits_limit():
-    assert read_expression("1" * DIGITS_LIMIT).at() == pytest.approx(1e50 / 9)
+    assert at(read_expression("1" * DIGITS_LIMIT)) == pytest.approx(1e50 / 9)
     for text in ("x+" + "1" * (DIGITS_LIMIT + 1), "x+0." + "1" * DIGITS_LIMIT, "x+1e" + "0" * DIGITS_LIMIT):
         error = error_of(text)
         assert error.offset == 2
@@ -369,7 +375,7 @@ def read_or_refuse(text):
     expression = read_expression(text)
     assert read_expression(expression.text).node == expression.node
     try:
-        assert math.isfinite(expression.at((1.5,) * 999, 0.25, -2.0))
+        assert math.isfinite(at(expression, (1.5,) * 999, 0.25, -2.0))
     except PathUndefined:
         return
 
@@ -388,13 +394,13 @@ def read_or_refuse(text):
 )
 def test_no_value_at_a_point(text, point):
     with pytest.raises(PathUndefined, match="no finite real value here"):
-        read_expression(text).at((), *point)
+        at(read_expression(text), (), *point)
 
 
 def test_a_parameter_without_a_value():
     with pytest.raises(PathUndefined, match="c2 has no value"):
-        read_expression("c1 + c2").at((1.0,))
-    assert read_expression("c1 + c2").at((1.0, 2.0, 9.0)) == 3
+        at(read_expression("c1 + c2"), (1.0,))
+    assert at(read_expression("c1 + c2"), (1.0, 2.0, 9.0)) == 3
 
 
 # --- substitution -----------------------------------------------------------------------------------------------------
@@ -408,10 +414,10 @@ def test_a_substituted_value_is_the_value_of_the_value(outer, inner):
         return
     parameters, y = (PLACE["c1"], PLACE["c2"]), PLACE["y"]
     try:
-        wanted = read_expression(outer).at(parameters, value_of(inner), y)
+        wanted = at(read_expression(outer), parameters, value_of(inner), y)
     except PathUndefined:
         return
-    assert whole.at(parameters, PLACE["x"], y) == pytest.approx(wanted, rel=SAME_VALUE, abs=SAME_VALUE)
+    assert at(whole, parameters, PLACE["x"], y) == pytest.approx(wanted, rel=SAME_VALUE, abs=SAME_VALUE)
 
 
 def test_substitution_keeps_offsets_names_and_size():
@@ -483,13 +489,13 @@ def test_simpler_has_the_same_value(text):
         simpler = simplified(read_expression(text))
     except (ExpressionError, PathUndefined):
         return
-    got = simpler.at((PLACE["c1"], PLACE["c2"]), PLACE["x"], PLACE["y"])
+    got = at(simpler, (PLACE["c1"], PLACE["c2"]), PLACE["x"], PLACE["y"])
     assert got == pytest.approx(wanted, rel=1e-6, abs=1e-6)
 
 
 def test_an_expression_that_has_been_evaluated_can_be_pickled():
     expression = read_expression("150 - 2*sqrt(4900 + c1)/c2")
-    value = expression.at((-1000.0, 4.0))
+    value = at(expression, (-1000.0, 4.0))
     again = pickle.loads(pickle.dumps(expression))
     assert again == expression
-    assert again.at((-1000.0, 4.0)) == value == 150 - 2 * math.sqrt(3900) / 4
+    assert at(again, (-1000.0, 4.0)) == value == 150 - 2 * math.sqrt(3900) / 4

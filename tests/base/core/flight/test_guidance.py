@@ -40,7 +40,7 @@ gains = st.floats(-2, 2)
 
 def path_of(name):
     text, gain = PATHS[name]
-    return bind(read_expression(text), ()), gain
+    return bind(read_expression(text), {}), gain
 
 
 def desired(path, position, gain, sense):

@@ -11,6 +11,7 @@ from scipy.integrate import quad
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import named
 from eadp.core.geometry.curves import (
     CIRCLE,
     CURVE,
@@ -38,7 +39,7 @@ whole = st.integers(-40, 40)
 
 
 def path(text, *parameters):
-    return bind(read_expression(text), parameters)
+    return bind(read_expression(text), named(parameters))
 
 
 def near(point, metres=NANOMETRE):

@@ -16,7 +16,7 @@ BACK = math.radians(30)
 
 def track(text, end, sense):
     expression = read_expression(text)
-    return TRACKS[path_kind(expression)](bind(expression, ()), end, sense)
+    return TRACKS[path_kind(expression)](bind(expression, {}), end, sense)
 
 
 def round_of_50(sense):
@@ -124,7 +124,7 @@ def test_a_curve_that_turns_by_more_than_half_a_circle_has_no_jump():
 
 def test_the_radius_of_curvature():
     def radius(text, point):
-        return radius_of_curvature_m(bind(read_expression(text), ()), point)
+        return radius_of_curvature_m(bind(read_expression(text), {}), point)
 
     # ellipse x²/a² + y²/b² = 1: b²/a and a²/b at its vertices
     assert radius("x^2/400 + y^2/100 - 1", (20.0, 0.0)) == pytest.approx(5)

@@ -94,7 +94,7 @@ def test_the_shipped_survey():
     assert plan.parameters[1].title == "fps"
     for c1 in (0.0, -500.0, -1000.0):
         r2 = math.sqrt(4900 + c1)
-        assert [part.at((c1,)) for part in plan.shift] == pytest.approx([150 - 2 * r2, (75 - r2) / 5])
+        assert [part.value({"c1": c1}) for part in plan.shift] == pytest.approx([150 - 2 * r2, (75 - r2) / 5])
         assert triggers(plan, c1) == [(-115, 146), (-115, -11), (35, -11), (35, 146)]
         # as ../spec/07 prints them
         assert plan.stages[0].path_at((c1,))(r2 - 115, 146.0)[0] == pytest.approx(-(4900 + c1))
@@ -142,7 +142,7 @@ def test_lines_are_those_of_the_file_whatever_their_numbers():
 @pytest.mark.parametrize("header", ["-10,-1\n", "1: -10 , -1\n", "% c\n-10,-1\n"])
 def test_a_shift_before_the_first_stage(header):
     plan = read(header + TWO)
-    assert [part.at() for part in plan.header_shift] == [-10, -1]
+    assert [part.value({}) for part in plan.header_shift] == [-10, -1]
     assert not read(TWO).header_shift
 
 
@@ -190,9 +190,9 @@ def test_the_short_form():
     assert (plan.repeats, plan.primitive_stages, plan.path_count) == (True, 4, 1)
     for c1 in (0.0, -700.0):
         d = 150 - 2 * math.sqrt(4900 + c1)
-        assert [part.at((c1,)) for part in plan.shift] == pytest.approx([d, 0], abs=NANOMETRE)
+        assert [part.value({"c1": c1}) for part in plan.shift] == pytest.approx([d, 0], abs=NANOMETRE)
         assert triggers(plan, c1) == [(-115, 146), (-115, 0), (35, 0), (35, 146)]
-    assert [part.at() for part in plan.final_point] == [180, 146]
+    assert [part.value({}) for part in plan.final_point] == [180, 146]
     assert plan.stages[1].path.text == "x + 115"
     assert [stage.line for stage in plan.stages] == [7, 11, 15, 19]
 
@@ -223,7 +223,7 @@ def test_all_must_shift_alike(old, new, message):
 def test_a_path_may_change_by_a_constant_from_lap_to_lap():
     # letter, Eq. 2: e_j; here φ grows by 3 each lap
     text = "init:\na = 0, 10\nb = 0, 3\npath:\n1; 90; x - a + b\na, 0\ntrig:\n100, 0\n"
-    assert [part.at() for part in read(text).shift] == [10, 0]
+    assert [part.value({}) for part in read(text).shift] == [10, 0]
 
 
 # --- headers ----------------------------------------------------------------------------------------------------------

@@ -152,7 +152,7 @@ def test_the_standard_error_is_that_of_the_runs() -> None:
                 "8:5: error: 3 fields; expected 2, as in the first row",
             ],
         ),
-        ("fps,power_w\n2,5\n2,5\n", ["3:1: error: one configuration only; expected measurements of two conf"]),
+        ("fps,power_w\n2,5\n2,5\n", ["1:1: error: one configuration only; expected measurements of two conf"]),
         ("fps,power_w\n", ["1:1: error: no measurements; expected measurements of two configurations or more"]),
         ("fps|power_w\n2|5\n", ["1:1: error: one column only; expected a header such as fps,power_w, fields sep"]),
         ("fps,watt_hours\n2,5\n", ["1:1: error: no column for the power; expected a header such as fps,power_w, or"]),
@@ -255,7 +255,7 @@ def changed(old: str, new: str) -> str:
         ("power_w: 5}", "power_w: -5}", "8:19: error: points.0.power_w cannot be -5; expected greater than or equal"),
         ("power_w: 5}", "power_w: .nan}", "8:28: error: .nan is not a finite number; expected a finite number"),
         ("at: [10, 32]", "at: [10]", "10:6: error: 1 values for 2 parameters; expected one for each"),
-        ("at: [10, 32]", "at: [2, 32]", "10:6: error: the configuration 2, 32 stands twice; expected each once"),
+        ("at: [10, 32]", "at: [2, 32]", "7:1: error: the configuration fps=2, keysize=32 stands twice"),
         ('name: "keysize"', 'name: "fps"', "5:6: error: the name fps stands twice; expected each once"),
     ],
 )

@@ -43,6 +43,7 @@ def test_what_is_no_json_is_none_for_either(value, data):
 
     try:
         expected = json.loads(text, object_pairs_hook=pairs)
+        assume("Infinity" not in json.dumps(expected))  # a number too large for a float
     except json.JSONDecodeError:
         expected = json  # which no text is
     assume(not twice)

@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
-from eadp.models.plan.cursor import LATCHED, LIVE, PlanCursor, Rules, reaches, shift_at
+from eadp.models.plan.cursor import LATCHED, LIVE, PlanCursor, Rules, reaches
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.trace import default_start, nominal_legs
 
@@ -536,45 +536,3 @@ def test_default_start(stage, position, heading):
     start, direction = default_start(plan_of(f"{stage}\n1; 90; y\n500, 0\n"), ())
     assert start == pytest.approx(position, abs=NANOMETRE)
     assert (math.cos(direction), math.sin(direction)) == pytest.approx((math.cos(heading), math.sin(heading)))
-
-
-# --- where others tell what is flown
-
-
-def test_a_stage_may_be_left_anywhere_and_the_next_ones_lie_where_they_would():
-    plan = survey()
-    led, flown = (begun(plan, (0.0, 10.0)) for _ in range(2))
-    here = (500.0, 500.0)
-    for _ in range(5):
-        assert led.skip(here)
-        assert flown.skip(flown.trigger_m)
-    assert (led.stage.index, led.cursor.lap, led.stages_started) == (2, 1, 6)
-    assert led.trigger_m == flown.trigger_m
-    assert led.cursor.offset_m == flown.cursor.offset_m == pytest.approx(shift_at(plan, (0.0, 10.0)))
-
-
-def test_a_stage_that_is_told_to_go_on_is_not_left_but_the_plans_end_counts():
-    itinerary = begun(survey(), (0.0, 10.0))
-    trigger = itinerary.trigger_m
-    for point in polyline((trigger[0] + 30, trigger[1] + 60), trigger, (trigger[0], trigger[1] - 50)):
-        itinerary.stay(*point)
-    assert (itinerary.stages_started, itinerary.complete) == (1, False)
-    assert itinerary.advance(trigger[0], trigger[1] - 50), "once nothing tells otherwise"
-    line = begun(plan_of("0.1; 90; x\n0, 400\n"))
-    line.stay(0.0, 100.0)
-    assert not line.complete
-    line.stay(0.0, 395.0)
-    assert line.complete
-
-
-def test_parameters_that_are_known_to_be_in_force_move_the_path_at_once():
-    plan = survey()
-    told, waiting = (begun(plan, (0.0, 10.0)) for _ in range(2))
-    here = told.trigger_m
-    waiting.decide((-500.0, 10.0), here)
-    assert waiting.parameters == (0.0, 10.0)
-    assert told.take_in_force((-500.0, 10.0), here)
-    assert told.parameters == (-500.0, 10.0)
-    assert told.path(*here)[0] == pytest.approx(begun(plan, (-500.0, 10.0)).path(*here)[0])
-    assert not told.take_in_force((-500.0, 10.0), here)
-    assert told.take_in_force((-500.0, 99.0), here) is False, "clipped to the stage's set"

@@ -124,8 +124,8 @@ def test_bounds_that_do_not_cover_every_parameter():
 
 def test_the_final_point_is_the_last_trigger_unless_stated():
     made = plan(stage(1, trigger="1, 2"), stage(2, trigger="3, 4"))
-    assert [part.at() for part in made.final_point] == [3, 4]
-    assert [part.at() for part in replace(made, final=point("175, 161")).final_point] == [175, 161]
+    assert [part.value({}) for part in made.final_point] == [3, 4]
+    assert [part.value({}) for part in replace(made, final=point("175, 161")).final_point] == [175, 161]
 
 
 ROUNDING = 1e-9

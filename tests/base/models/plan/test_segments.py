@@ -6,8 +6,7 @@ import pytest
 from common.plans import PARTS, plan_of
 
 from eadp.errors import InputError, PathUndefined
-from eadp.models.plan.cursor import PlanCursor, Rules
-from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.trace import nominal_legs
 
 
@@ -94,15 +93,3 @@ def test_laps_before_another_part_end_on_a_condition():
     laps = "init:\na = 0, 10\npath:\n0.1; 90; x - a\na, 50\ntrig:\n90, 50\n"
     with pytest.raises(InputError, match="laps that do not end on a condition"):
         plan_of(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
-
-
-def test_where_others_tell_what_is_flown():
-    itinerary = PlanExecutor(PlanCursor.start(plan_of(PARTS), (0.0, 10.0), Rules()), (10.0, 0.0))
-    stages = [itinerary.stage.index]
-    ahead = {index: itinerary.stages_to(index) for index in range(len(plan_of(PARTS).stages) + 2)}
-    while itinerary.skip((0.0, 0.0)):
-        stages.append(itinerary.stage.index)
-    assert itinerary.complete
-    first = {index: stages.index(index, 1) if index in stages[1:] else None for index in ahead}
-    assert ahead == first
-    assert len(stages) > len(set(stages)), "laps"

@@ -8,7 +8,7 @@ from common.plans import plan_of, survey
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor, Rules
-from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.executor import FIRED, PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
@@ -110,14 +110,14 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
 
     for k in range(1, 31):
         if k in (10, 20):
-            executor.skip(executor.trigger_m)
+            executor.handle(FIRED, *executor.trigger_m)
         pilot.take(seen(float(k), -40.0, -60.0, 1.0 if k < 30 else 0.5))
         if k == 20:  # nothing but the loss of charge is to change the path
             first = pilot.take(seen(20.5, -40.0, -60.0, 1.0)).parameters
             executor.decide(first, (-40.0, -60.0))
     decided = pilot.take(seen(30.5, -40.0, -60.0, 0.5)).parameters
     assert decided[0] != first[0], "decided in the last moment of stage 3"
-    executor.skip(executor.trigger_m)
+    executor.handle(FIRED, *executor.trigger_m)
     executor.decide(decided, executor.joined_m)  # a moment after stage 4 has started with what was in force before
     pilot.take(seen(31.0, 35.0, 0.0, 0.5))
     known = pilot.state.known(31.0, (35.0, 0.0))
