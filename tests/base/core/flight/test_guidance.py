@@ -17,6 +17,7 @@ from eadp.core.guidance import (
     heading_rate_radps,
     induced_drag_factor,
     load_factor,
+    turn_radius_m,
     wind_factor,
 )
 
@@ -170,3 +171,4 @@ def test_a_level_turn_balances_weight_and_centripetal_force(speed, bank):
     lift = load_factor(bank) * mass * GRAVITY_MPS2
     assert lift * math.cos(bank) == pytest.approx(mass * GRAVITY_MPS2)
     assert lift * math.sin(bank) == pytest.approx(mass * speed * turn_rate_radps, abs=1e-9)
+    assert abs(bank) < 1e-6 or turn_radius_m(speed, bank) * turn_rate_radps == pytest.approx(speed)
