@@ -29,8 +29,8 @@ from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
 from eadp.errors import Infeasible
 from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Field
 from eadp.plug_ins import plug_in
-from eadp.survey.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
-from eadp.survey.line_order import best_order, quick_order
+from eadp.survey.airspace import FreeTurns, NotFree, free_lines, free_order
+from eadp.survey.line_order import LineCosts, best_order, quick_order
 from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle
 from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts
 
@@ -508,7 +508,7 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: b
     sets = _quickest_sets(request, headings)
     if request.space is not None:
         return _free_in_order(request, request.space, sets, draft)
-    solved = [(each, *best_order(*each.costs)) for each in sets[:FULL_SEARCHES]]
+    solved = [(each, *best_order(each.costs)) for each in sets[:FULL_SEARCHES]]
     # of equal times, up to rounding, the heading that was tried first
     best, order, _ = min(solved, key=lambda found: (round(found[2], 9), found[0].number))
     return connected(request, DUBINS, best.heading_rad, [best.directed[i].with_leads(request.motion) for i in order])
@@ -528,7 +528,7 @@ def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> list[
                 continue
             lost_s = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
         costs = line_costs(request, directed)
-        found.append(_LineSet(quick_order(*costs)[1] + lost_s, len(found), heading, directed, costs))
+        found.append(_LineSet(quick_order(costs)[1] + lost_s, len(found), heading, directed, costs))
     return sorted(found, key=lambda each: each[:2])
 
 
