@@ -348,9 +348,6 @@ class CoverageTask:
     def _over(self, ground: Ground, solution: CoverageSolution, home_m: Point) -> tuple[CoverageSolution, Heights]:
         """A path with its altitudes over a ground, and these. Raises Infeasible as `over_terrain`."""
         assert self._climbing is not None  # else `terrain` is refused
-        if self.options.turns_off and not solution.blocks:
-            split = (part for leg in solution.path(0.0).legs for part in leg.split())
-            solution = replace(solution, sections=tuple(split))
         start_m = 0.0 if self.from_ground else None
         flown, profile = over_terrain(solution, ground, self._climbing, start_m, lands=self.final)
         return flown, Heights(profile, home_m)

@@ -11,7 +11,6 @@ Source: letter, Sec. IV-A; Dubins 1957 for the turns between lines.
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -115,8 +114,17 @@ class LineGrid:
 
     def whole_lines(self, field: Field) -> list[CoverageLeg]:
         """The lines over a field and its gaps: each as a leg, followed by the same line the other way."""
-        spans = zip(self.middles_m.tolist(), self.extents(field), strict=True)
-        return _directed_lines(self.frame, [(u, parts) for u, parts in spans if parts])
+        return self.directed(_without_gaps(self.extents(field)))
+
+    def directed(self, extents: Sequence[Sequence[tuple[float, float]]]) -> list[CoverageLeg]:
+        """A line over each extent, upward [m], followed by the same one the other way; a short one is made longer."""
+        legs = []
+        for u, spans in zip(self.middles_m.tolist(), extents, strict=True):
+            for low, high in spans:
+                extra = max(0.0, MIN_LINE_M - (high - low)) / 2
+                leg = CoverageLeg(straight(self.frame.out(u, low - extra), self.frame.out(u, high + extra)), True)
+                legs += [leg, leg.backward()]
+        return legs
 
     def order_of(self, solution: CoverageSolution) -> list[int]:
         """Indices of the lines, in the order in which a solution without laps first flies a part of each."""
@@ -561,11 +569,14 @@ def _lines_at(request: CoverageRequest, heading_rad: float) -> Iterator[list[Cov
     swath_m = request.motion.swath_m
     grid = request.grid or LineGrid.over(request.field, heading_rad, swath_m, request.order_spacing_m or swath_m)
     extents = grid.extents(request.field)
-    whole = [(u, parts) for u, parts in zip(grid.middles_m.tolist(), extents, strict=True) if parts]
-    yield _directed_lines(grid.frame, whole)
-    cut = [(u, [part]) for u, parts in whole for part in parts]
-    if len(cut) > len(whole):
-        yield _directed_lines(grid.frame, cut)
+    yield grid.directed(_without_gaps(extents))
+    if any(len(spans) > 1 for spans in extents):
+        yield grid.directed(extents)
+
+
+def _without_gaps(extents: Sequence[Sequence[tuple[float, float]]]) -> list[list[tuple[float, float]]]:
+    """Of each line one extent, from the start of its first one to the end of its last."""
+    return [[(spans[0][0], spans[-1][1])] if spans else [] for spans in extents]
 
 
 def _canonical_frame(field: Field, heading_rad: float) -> StripFrame:
@@ -584,22 +595,6 @@ def _canonical_frame(field: Field, heading_rad: float) -> StripFrame:
     of_u, of_v = signs
     # u is flipped by `towards`, v by towards · hand: so hand = of_u of_v
     return frame_of(heading_rad, towards=of_u, hand=of_u * of_v)
-
-
-def _directed_lines(frame: StripFrame, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> list[CoverageLeg]:
-    """Lines, each followed by the same one the other way, from positions u [m] and extents along them [m], upward.
-
-    A line goes over the gaps between its extents, too; one that is too short is made longer at both ends.
-    """
-    legs = []
-    for u, parts in spans:
-        low, high = parts[0][0], parts[-1][1]
-        extra = max(0.0, MIN_LINE_M - (high - low)) / 2
-        # from the end of one part to the start of the next, counted from the line's start
-        gaps = tuple((end - low + extra, start - low + extra) for (_, end), (start, _) in itertools.pairwise(parts))
-        leg = CoverageLeg(straight(frame.out(u, low - extra), frame.out(u, high + extra)), True, gaps)
-        legs += [leg, leg.backward()]
-    return legs
 
 
 # --- between lines ----------------------------------------------------------------------------------------------------

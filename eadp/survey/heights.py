@@ -327,10 +327,8 @@ def _unphotographed(solution: CoverageSolution, until_m: float, motion: MotionLi
         if not leg.sensing or start_m >= until_m - SAME_M:
             found.append(leg)
             continue
-        low_m = until_m - start_m
-        low, *rest = [leg] if end_m <= until_m + SAME_M else leg.cut(low_m)
-        gaps = tuple((max(start - low_m, 0.0), end - low_m) for start, end in leg.gaps_m if end > low_m)
-        found += [replace(low, sensing=False, gaps_m=()), *(replace(each, gaps_m=gaps) for each in rest)]
+        low, *rest = [leg] if end_m <= until_m + SAME_M else leg.cut(until_m - start_m)
+        found += [replace(low, sensing=False), *rest]
     if not any(leg.sensing for leg in found):
         raise Infeasible("all lines lie in the climb from home", "another --home, or less altitude")
     return timed(replace(solution, sections=tuple(found)), motion)
