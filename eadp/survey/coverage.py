@@ -137,9 +137,9 @@ class LineGrid:
         rings, *others = ([self.frame.into(np.array(ring)) for ring in part] for part in field.parts)
         return strip_extents(rings, self.edges_m, others)
 
-    def window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
-        """Corners in the plane of the ground of lines `first` to `last`, between two values of v [m]."""
-        left, right = float(self.edges_m[first]) - SEAM_M, float(self.edges_m[last + 1]) + SEAM_M
+    def window(self, line: int, low_m: float, high_m: float) -> list[Point]:
+        """Corners in the plane of a line's ground between two values of v [m]."""
+        left, right = float(self.edges_m[line]) - SEAM_M, float(self.edges_m[line + 1]) + SEAM_M
         corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
         return [self.frame.out(*corner) for corner in corners]
 
@@ -408,15 +408,10 @@ def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> Covera
     drafts_s = [round(next(_chains(request, *design, corners=1)).time_s, TIE_DIGITS) for design in designs]
     best_first = [designs[i] for i in np.argsort(drafts_s, kind="stable")]
     found = [chain for design in best_first[:FULL_LAYOUTS] for chain in _chains(request, *design)]
-    if not found:
-        return None
-    if request.space is None:
-        best = min(found, key=lambda chain: round(chain.time_s, TIE_DIGITS))  # of equal ones the first
-        return connected(request, ZAMBONI, best.heading_rad, [[block] for block in best.blocks])
-    for chain in sorted(found, key=lambda chain: chain.time_s):
+    for chain in sorted(found, key=lambda chain: round(chain.time_s, TIE_DIGITS)):  # of equal ones the first
         # laps of any sequence of c1 lie in the hull of those at its ends
         hulls = ([leg.piece for c1 in (0.0, block.min_c1) for leg in block.legs(c1)] for block in chain.blocks)
-        if all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
+        if request.space is None or all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
             with suppress(Infeasible):
                 return connected(request, ZAMBONI, chain.heading_rad, [[block] for block in chain.blocks])
     return None

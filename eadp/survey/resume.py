@@ -87,7 +87,8 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
     if known and planner.task.options.heading_deg is None:
         heading_rad, laps = known[0].heading_rad, known[0].laps
         assert heading_rad is not None
-        planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
+        pattern = ZAMBONI if laps and planner.task.terrain is None else DUBINS
+        planner = replace(planner, lines=(compass_deg(heading_rad), pattern))
     lines = [line for track in tracks for line in track.lines]
     left = left_of(planner, lines)
     again = left and flown_again(planner, left, lines)
