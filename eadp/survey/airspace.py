@@ -106,14 +106,14 @@ class FreeTurns:
     """The quickest free turns between poses: direct, or around the corners of the free space.
 
     A corner stands twice in `_corners`: as a pose along its ring, then as the pose in the other direction. `_between`
-    keeps what `direct` has found for a start and an end, `found` what `turn` has found; None where no turn is free.
+    keeps what `direct` has found for a start and an end, `_found` what `turn` has found; None where no turn is free.
     """
 
     space: FreeSpace
     motion: MotionLimits
     _corners: list[Pose] = field(default_factory=list)
     _between: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
-    found: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
+    _found: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for ring in self.space.corners_m(CORNER_RATIO * self.motion.min_radius_m):
@@ -152,9 +152,9 @@ class FreeTurns:
     def turn(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found, direct or around corners; None where none is."""
         key = start, end
-        if key not in self.found:
-            self.found[key] = self.direct(start, end) or self._around(start, end)
-        return self.found[key]
+        if key not in self._found:
+            self._found[key] = self.direct(start, end) or self._around(start, end)
+        return self._found[key]
 
     def _around(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found around corners; None where none is.
@@ -232,22 +232,10 @@ def free_order(
     failure = NotFree("no order of the lines has turns that stay out of the obstacles and inside the boundary")
     if np.ptp(turns.space.rooms([leg.start[:2] for leg in directed])):
         raise failure
-    costs = costs._replace(between=costs.between.copy())  # raised below where the turn is not free
+    costs = costs._replace(between=costs.between.copy())  # raised below, once checked, to the times of free turns
     # the time of a turn without a free way: above any sum of times, so that only an order with such a turn reaches it
     blocked_s = 1e3 * (float(costs.between.max()) + float(costs.own.sum()) + 1)
     checked: set[tuple[int, int]] = set()
-
-    def take_free_times(pairs: Iterable[tuple[int, int]]) -> None:
-        """Raise these turns in `costs` to their free times, or to `blocked_s`, and mark them `checked`."""
-        for a, b in pairs:
-            found = turns.turn(directed[a].end, directed[b].start)
-            costs.between[a, b] = blocked_s if found is None else max(found.time_s, costs.between[a, b])
-            checked.add((a, b))
-
-    ends = {leg.end: i for i, leg in enumerate(directed)}
-    starts = {leg.start: i for i, leg in enumerate(directed)}
-    # turns that are known from other calls
-    take_free_times([(ends[end], starts[start]) for end, start in turns.found if end in ends and start in starts])
     best: tuple[list[int], float] = [], blocked_s  # of the orders whose turns are all checked
     order, time_s = quick_order(costs)
     blocked = 0  # orders so far with a turn without a free way
@@ -256,7 +244,10 @@ def free_order(
         unchecked = set(itertools.pairwise(order)) - checked
         if unchecked:
             turns.find_direct((directed[a].end, directed[b].start) for a, b in unchecked)
-            take_free_times(unchecked)
+            for a, b in unchecked:
+                found = turns.turn(directed[a].end, directed[b].start)
+                costs.between[a, b] = blocked_s if found is None else max(found.time_s, costs.between[a, b])
+            checked |= unchecked
             # the same order improved by the new times; one searched in full below, where it has nothing to check
             order, time_s = quick_order(costs, order)
             continue
