@@ -15,13 +15,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
-from eadp.core.geometry.polygons import (
-    Ring,
-    covered_share,
-    ground_m2,
-    inner_point,
-    uncovered,
-)
+from eadp.core.geometry.polygons import Ring, covered_share, ground_m2, inner_point, uncovered
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
 from eadp.models.airspace import CLEARANCE_M, Field

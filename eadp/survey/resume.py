@@ -113,11 +113,7 @@ def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
     return whole_lines(left, field, planner.grid(), 2 * math.pi * motion.min_radius_m, SLIVER_SHARE / 2)
 
 
-def flown_again(
-    planner: SortiePlanner,
-    left: Field,
-    flown: Sequence[Line],
-) -> Field | None:
+def flown_again(planner: SortiePlanner, left: Field, flown: Sequence[Line]) -> Field | None:
     """The parts left of a field in which planned lines cover `MIN_PART_SHARE` of it or more that flown ones do not.
 
     The planned lines are those over what is left that have room for their turns. None without such a part.

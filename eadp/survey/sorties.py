@@ -27,26 +27,9 @@ from eadp.planning.registry import planner_class
 from eadp.survey.airspace import free_lines
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.cover import CoverageTask, held_at
-from eadp.survey.coverage import (
-    AUTO,
-    DUBINS,
-    PATTERNS,
-    ZAMBONI,
-    CoverageRequest,
-    CoverageSolution,
-    LineGrid,
-    cover,
-)
+from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, PlannedSortie
-from eadp.survey.report import (
-    FULL,
-    HeightReport,
-    LeftGround,
-    covered_by_lines,
-    left_ground,
-    left_text,
-    rounded_deg,
-)
+from eadp.survey.report import FULL, HeightReport, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
 from eadp.survey.swaths import CoveragePath
 
 SCHEMA: Final = "eadp.sorties/1"
