@@ -92,8 +92,9 @@ def by_routing(plan: SortiePlan, seconds: int) -> tuple[int, float] | None:
     directed = [way for leg in legs for way in (leg, leg.backward())]
     between, own, first, last = line_costs(request, directed)
     # the time that a pack lasts, as the forecasts of the sorties have it
-    pack_s = statistics.median(each.time_s * (1 + each.spare / each.used) for each in plan.divided.sorties)
-    climb_s = statistics.median(each.time_s - each.solution.time_s for each in plan.divided.sorties)
+    sorties = [(each, each.forecast.forecast.remaining_s or 0.0) for each in plan.divided.sorties]
+    pack_s = statistics.median(time_s * (1 + each.spare / each.used) for each, time_s in sorties)
+    climb_s = statistics.median(time_s - each.solution.time_s for each, time_s in sorties)
     n = len(directed)
     times = np.zeros((n + 1, n + 1))
     times[1:, 1:] = between + own[None, :]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from eadp.core.arrays import FloatArray
@@ -17,7 +16,7 @@ from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.text.options import Flag, check_range
 from eadp.measure.formats import read_power_log
 from eadp.measure.noise import HuberFit, regressed
-from eadp.measure.power_log import Columns, PowerLog
+from eadp.measure.power_log import Columns
 from eadp.models.battery import cell_v, misfit
 
 NO_CHARGE, RESTING = 0.01, 0.05
@@ -162,16 +161,18 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
         raise InputError.at("--power", 1, 1, message, "voltage and current", columns.power[0])
     options.check()
     log = read_power_log(path, replace(columns, factors=True))
-    readings = _battery_readings(log)
+    assert log.voltage_v is not None
+    assert log.current_a is not None
+    readings = BatteryReadings(log.times_s, log.voltage_v, log.current_a)
     soc, used_before = _charge_at_start(log.battery, readings, options)
     capacity = None
     try:
         if options.capacity_ah is None:
             assert options.cells is not None
-            capacity = fit_capacity(*readings, options.cells, options.cell_v, soc, options.k_b_per_s)
+            capacity = fit_capacity(readings, options.cells, options.cell_v, soc, options.k_b_per_s)
             options = replace(options, capacity_ah=capacity.capacity_ah)
         assert options.capacity_ah is not None
-        fit = fit_battery(*readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=soc)
+        fit = fit_battery(readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=soc)
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error), "a log of the battery that is given") from None
     source = "capacity and k_b cannot be estimated from voltage and current: they are as given"
@@ -186,18 +187,17 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
 
 
 class BatteryReadings(NamedTuple):
-    """Times [s], voltages at the terminals [V] and currents drawn [A], each an array, shape (n,)."""
+    """Times, increasing [s], voltages at the terminals [V] and currents drawn [A], each an array, shape (n,)."""
 
     times_s: FloatArray
     voltage_v: FloatArray
     current_a: FloatArray
 
-
-def _battery_readings(log: PowerLog) -> BatteryReadings:
-    """Those of a log whose factors were asked for."""
-    assert log.voltage_v is not None
-    assert log.current_a is not None
-    return BatteryReadings(log.times_s, log.voltage_v, log.current_a)
+    @property
+    def used_as(self) -> FloatArray:
+        """Charge used up to each reading [A s]: the current is straight in between."""
+        t, amps = self.times_s, self.current_a
+        return np.concatenate(([0.0], np.cumsum(np.diff(t) * (amps[1:] + amps[:-1]) / 2)))
 
 
 def _doubtful_start(readings: BatteryReadings, fit: BatteryFit, options: BatteryOptions) -> Iterator[tuple[str, str]]:
@@ -245,8 +245,6 @@ def _holds_ah(stated: Mapping[str, float], options: BatteryOptions) -> float:
     counted_ah = stated.get("used_ah", 0.0) + stated.get("counted_ah", 0.0)
     return math.inf if counted_ah > 1.05 * capacity_ah else capacity_ah
 
-
-MIN_SAMPLES = 20
 
 MIN_CHARGE_USED = 0.05
 """Smallest share of the capacity that must be used for a slope of the voltage to be fitted."""
@@ -334,18 +332,8 @@ class CapacityFit:
     used_ah: float
 
 
-def _readings(*readings: ArrayLike) -> tuple[FloatArray, ...]:
-    """Times [s], voltage [V], current [A] as arrays, and the charge used [A s]: the current is straight in between."""
-    t, volts, amps = (np.asarray(values, dtype=float) for values in readings)
-    if len(t) < MIN_SAMPLES:
-        raise Infeasible(f"{len(t)} readings of voltage and current; {MIN_SAMPLES} or more are needed")
-    return t, volts, amps, np.concatenate(([0.0], np.cumsum(np.diff(t) * (amps[1:] + amps[:-1]) / 2)))
-
-
 def fit_capacity(
-    times_s: ArrayLike,
-    voltage_v: ArrayLike,
-    current_a: ArrayLike,
+    readings: BatteryReadings,
     cells: int,
     curve_v: Sequence[float] = CURVES_V["lipo"],
     soc: float = 1.0,
@@ -355,8 +343,7 @@ def fit_capacity(
 
     Parameters
     ----------
-    times_s, voltage_v, current_a : array, shape (n,)
-        Times [s], increasing; voltage at the terminals [V]; current drawn [A].
+    readings : BatteryReadings
     cells : int
         Cells in series.
     curve_v : sequence of float
@@ -369,12 +356,12 @@ def fit_capacity(
     Raises
     ------
     Infeasible
-        If there are too few readings, or too little of the charge is used.
+        If too little of the charge is used.
 
     Source: letter, Sec. III-C, with an open-circuit voltage V(b) of tables.
     """
-    t, volts, amps, used = _readings(times_s, voltage_v, current_a)
-    used_ah = k_b_per_s * used  # ḃ = −k_b I/Q_c
+    t, volts, amps = readings
+    used_ah = k_b_per_s * readings.used_as  # ḃ = −k_b I/Q_c
     total = float(used_ah[-1])
     if total <= 0:
         raise Infeasible("the log uses no charge")
@@ -409,9 +396,7 @@ def fit_capacity(
 
 
 def fit_battery(
-    times_s: ArrayLike,
-    voltage_v: ArrayLike,
-    current_a: ArrayLike,
+    readings: BatteryReadings,
     capacity_ah: float,
     *,
     k_b_per_s: float = 1 / 3600,
@@ -421,8 +406,7 @@ def fit_battery(
 
     Parameters
     ----------
-    times_s, voltage_v, current_a : array, shape (n,)
-        Times [s], increasing; voltage at the terminals [V]; current drawn [A].
+    readings : BatteryReadings
     capacity_ah, k_b_per_s : float
         Capacity [Ah] and k_b [1/s], which such a log does not determine.
     soc : float
@@ -431,17 +415,17 @@ def fit_battery(
     Raises
     ------
     Infeasible
-        If there are too few readings, or the current used is more than the charge there was.
+        If the current used is more than the charge there was.
 
     Source: letter, Sec. III-C.
     """
-    t, volts, amps, used = _readings(times_s, voltage_v, current_a)
+    used = readings.used_as
     # ḃ = −k_b I/Q_c
     charge = soc - k_b_per_s * used / capacity_ah
     if charge.min() < -0.02:
         drawn_ah = k_b_per_s * float(used.max())
         raise Infeasible(f"the log uses {drawn_ah:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
-    log = _VoltageLog(t, volts, amps, charge)
+    log = _VoltageLog(*readings, charge)
     both = log.likely_fit(resists=True)
     ohm, ohm_std = both.resistance_ohm
     resists = ohm > SIGNIFICANCE * ohm_std

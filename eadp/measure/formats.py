@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -50,7 +50,8 @@ _INSTANCE = ("Instance", "Inst", "I")
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     """The power log of one battery, voltage times current; raises InputError."""
     _refuse_columns(name, columns)
-    time_us, factors, notes = battery_table(name, tables, columns.instance)
+    table, factors, notes = _battery(name, tables, columns.instance)
+    time_us = _time_us(name, table)
     for what, values in zip(("voltage", "current"), factors.T, strict=True):
         if len(values) and not (np.isfinite(values) & (values != 0) & (values != -1)).any():
             message = f"no {what} is measured: it is -1 or 0 throughout"
@@ -69,7 +70,7 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     if unknown := int(np.count_nonzero(~known)):
         readings.counts["unknown"] = unknown
         readings.warn(1, f"{rows_text(unknown)} with an unknown voltage (0 or -1) or current (-1) left out")
-    return replace(in_order(readings.at(known)), battery=_of_battery(tables, columns.instance))
+    return replace(in_order(readings.at(known)), battery=_charges(tables, table))
 
 
 def _refuse_columns(name: str, columns: Columns) -> None:
@@ -83,37 +84,20 @@ def _refuse_columns(name: str, columns: Columns) -> None:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
 
 
-def _of_battery(tables: Tables, instance: int | None) -> dict[str, float]:
-    """The capacity among the parameters, and the count of the charge used, see `counted` [Ah]."""
+def _charges(tables: Tables, table: Mapping[str, FloatArray]) -> dict[str, float]:
+    """The capacity among the parameters, and the count of the charge that a battery used, see `counted` [Ah]."""
     found = {}
     capacity_mah = tables.columns.get(PARAMETERS, {}).get("capacity_mah")
     if capacity_mah is not None and len(capacity_mah) and capacity_mah[-1] > 0:
         found["capacity_ah"] = float(capacity_mah[-1]) / 1e3
-    batteries = dict(_batteries(tables))
-    table = batteries.get(min(batteries) if instance is None else instance, {})
     used_mah = next((table[label] for label in _USED if label in table), None)
     return found if used_mah is None else found | counted(used_mah[(used_mah > 0) & (used_mah < LARGEST_MAH)] / 1e3)
 
 
-def battery_table(name: str, tables: Tables, instance: int | None = None) -> tuple[FloatArray, FloatArray, list[str]]:
-    """The readings of one battery.
+def _battery(name: str, tables: Tables, instance: int | None) -> tuple[dict[str, FloatArray], FloatArray, list[str]]:
+    """One battery, by default that with the most readings of a voltage and a current, the first of equals.
 
-    Parameters
-    ----------
-    name : str
-        The file, for messages.
-    tables : Tables
-        The log's messages of `ULOG_TOPICS` or `DATAFLASH_TOPICS`.
-    instance : int, optional
-        Which battery. Default: the one with the most readings of a voltage and a current, the first of equals.
-
-    Returns
-    -------
-    time_us : array, shape (n,)
-    readings : array, shape (n, 2)
-        Voltage [V] and current [A] as logged, with unknown readings.
-    notes : list of str
-        Comments on how it was read.
+    Its columns; its readings, shape (n, 2), as logged: voltage [V] and current [A]; and notes on how it was read.
 
     Raises
     ------
@@ -137,7 +121,7 @@ def battery_table(name: str, tables: Tables, instance: int | None = None) -> tup
     if instance is None and len(batteries) > 1:
         others = ", ".join(str(other) for other in sorted(batteries) if other != number)
         notes.append(f"battery {number} of several is read; --instance takes another: {others}")
-    return _time_us(name, batteries[number]), found[number], [*notes, *tables.notes]
+    return batteries[number], found[number], [*notes, *tables.notes]
 
 
 def _batteries(tables: Tables) -> Iterator[tuple[int, dict[str, FloatArray]]]:

@@ -46,8 +46,8 @@ SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
 
 
 @dataclass(frozen=True)
-class MeasurementSettings:
-    """Accuracy and duration of a measurement."""
+class MeasureOptions:
+    """How the power of a command is measured."""
 
     warmup_s: float = 5.0
     """Time before the first sample."""
@@ -61,15 +61,6 @@ class MeasurementSettings:
     longest_s: float = 120.0
     """Longest time at a configuration."""
 
-    def reached(self, found: SampleMean) -> bool:
-        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
-        return found.std > 0 and found.standard_error <= self.accuracy_w
-
-
-@dataclass(frozen=True)
-class MeasureOptions(MeasurementSettings):
-    """How the power of a command is measured."""
-
     config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
     """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
     fps=2,4,keysize=32,448."""
@@ -79,6 +70,10 @@ class MeasureOptions(MeasurementSettings):
 
     sysfs: Annotated[str, Flag(metavar="DIR")] = "/sys"
     """Root of the sensors."""
+
+    def reached(self, found: SampleMean) -> bool:
+        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
+        return found.std > 0 and found.standard_error <= self.accuracy_w
 
     def check(self) -> None:
         """Refuse values out of range; raises InputError."""
@@ -240,7 +235,7 @@ def measure(
     command: Sequence[str],
     configurations: Sequence[Configuration],
     sensor: Sensor,
-    settings: MeasurementSettings,
+    settings: MeasureOptions,
     clock: Clock,
     launch: Launch,
     report: Callable[[str], None] = lambda _: None,
@@ -253,7 +248,7 @@ def measure(
         Program and arguments, with a parameter's name in braces where its value goes. No shell sees them.
     configurations : sequence of Configuration
     sensor : Sensor
-    settings : MeasurementSettings
+    settings : MeasureOptions
     clock : Clock
     launch : function
         See `launched`.
@@ -317,7 +312,7 @@ def _measure_one(
     running: RunningCommand,
     configuration: Configuration,
     meter: Meter,
-    settings: MeasurementSettings,
+    settings: MeasureOptions,
     clock: Clock,
     report: Callable[[str], None],
     label: str,
@@ -435,7 +430,7 @@ def _signal_group(group: int, number: int) -> bool:
 
 
 def measurements_csv(
-    measured: Sequence[PowerMeasurement], command: Sequence[str], sensor: Sensor, settings: MeasurementSettings
+    measured: Sequence[PowerMeasurement], command: Sequence[str], sensor: Sensor, settings: MeasureOptions
 ) -> str:
     """Samples as a table that `eadp profile` reads: a row for each, those of a configuration in their order.
 

@@ -48,28 +48,45 @@ class EnergyFit:
     spikes: IntArray
 
 
-def fit_energy(
+def fit_power(
     times_s: ArrayLike,
     power_w: ArrayLike,
+    period_prior_s: float | None = None,
     *,
     order: int | None = None,
-    period_prior_s: float | None = None,
 ) -> EnergyFit:
-    """Fit an energy model to samples.
+    """Fit the energy model of a power log: its period, mean, harmonics and noise.
 
     Parameters
     ----------
     times_s, power_w : array, shape (n,)
         Strictly increasing times [s] and power [W].
-    order, period_prior_s
-        As `eadp.measure.spectrum.analyse`.
+    period_prior_s : float, optional
+        The period is searched within a factor of 1.3 of this one [s].
+    order : int, optional
+        Number of harmonics, by default found by cross-validation.
+
+    Returns
+    -------
+    EnergyFit
+        Its `model.period_s` is None where no period is significant.
 
     Raises
     ------
+    InputError
+        If the samples are no numbers, not finite, or not in order.
     Infeasible
-        As `eadp.measure.spectrum.analyse`.
+        If they are too few.
     """
-    times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
+    expected = "two arrays of as many finite numbers, the times increasing"
+    try:
+        times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError.at("times_s, power_w", 1, 1, str(error), expected) from None
+    if times.ndim != 1 or times.shape != power.shape:
+        raise InputError.at("times_s, power_w", 1, 1, f"of shapes {times.shape} and {power.shape}", expected)
+    if not np.isfinite([times, power]).all() or (np.diff(times) <= 0).any():
+        raise InputError.at("times_s, power_w", 1, 1, "not finite, or not in order", expected)
     out = spikes(power)
     times, power = times[~out], power[~out]
     times = times - times[0] if len(times) else times
@@ -248,7 +265,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         log = _without_computations(log, options.profile, profile)
     prior_s = options.period_prior_s
     try:
-        fitted = fit_energy(log.times_s, log.power_w, order=options.order, period_prior_s=prior_s)
+        fitted = fit_power(log.times_s, log.power_w, prior_s, order=options.order)
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error)) from None
     counts = log.counts | ({"spikes": len(fitted.spikes)} if len(fitted.spikes) else {})
@@ -294,45 +311,3 @@ def _without_computations(log: PowerLog, path: str, profile: Profile) -> PowerLo
         warnings = [*warnings, Fault(log.name, 1, 1, message, severity="warning")]
     log = log.at(np.flatnonzero(known))
     return replace(log, power_w=log.power_w - powers_w[which.ravel()], counts=counts, warnings=warnings)
-
-
-def fit_power(
-    times_s: ArrayLike,
-    power_w: ArrayLike,
-    period_prior_s: float | None = None,
-    *,
-    order: int | None = None,
-) -> EnergyFit:
-    """Fit the energy model of a power log: its period, mean, harmonics and noise.
-
-    Parameters
-    ----------
-    times_s, power_w : array, shape (n,)
-        Strictly increasing times [s] and power [W].
-    period_prior_s : float, optional
-        The period is searched within a factor of 1.3 of this one [s].
-    order : int, optional
-        Number of harmonics, by default found by cross-validation.
-
-    Returns
-    -------
-    EnergyFit
-        Its `model.period_s` is None where no period is significant.
-
-    Raises
-    ------
-    InputError
-        If the samples are no numbers, not finite, or not in order.
-    Infeasible
-        If they are too few.
-    """
-    expected = "two arrays of as many finite numbers, the times increasing"
-    try:
-        times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError.at("times_s, power_w", 1, 1, str(error), expected) from None
-    if times.ndim != 1 or times.shape != power.shape:
-        raise InputError.at("times_s, power_w", 1, 1, f"of shapes {times.shape} and {power.shape}", expected)
-    if not np.isfinite([times, power]).all() or (np.diff(times) <= 0).any():
-        raise InputError.at("times_s, power_w", 1, 1, "not finite, or not in order", expected)
-    return fit_energy(times_s, power_w, order=order, period_prior_s=period_prior_s)

@@ -215,15 +215,6 @@ def analyse(
     return replace(spectrum, drift_s=drift_s)
 
 
-class _Local(NamedTuple):
-    """A period in a part of the log: its frequency [Hz], its order, and where the part is."""
-
-    frequency_hz: float
-    order: int
-    start: int
-    stop: int
-
-
 class _Found(NamedTuple):
     frequency_hz: float
     std_s: float  # of the period
@@ -393,11 +384,9 @@ def _part(samples: PowerSamples, shortest_s: float, share: float, most: float = 
     return start, start + count
 
 
-def _searched(samples: PowerSamples, shortest_s: float, longest_s: float, bounds: tuple[int, int]) -> _Local:
-    """The period in a part of the log."""
-    part = samples.part(*bounds)
-    found = refined(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
-    return _Local(*found, *bounds)
+def _searched(part: PowerSamples, shortest_s: float, longest_s: float) -> tuple[float, int]:
+    """Frequency [Hz] and order in a part of the log."""
+    return refined(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
 
 
 def _located(samples: PowerSamples, shortest_s: float, longest_s: float, share: float = 0.0) -> tuple[float, int]:
@@ -405,7 +394,8 @@ def _located(samples: PowerSamples, shortest_s: float, longest_s: float, share: 
 
     A part knows the period to a share of a turn over the next one: over a long log it is not mistaken by turns.
     """
-    frequency_hz, order, start, stop = _searched(samples, shortest_s, longest_s, _part(samples, shortest_s, share))
+    start, stop = _part(samples, shortest_s, share)
+    frequency_hz, order = _searched(samples.part(start, stop), shortest_s, longest_s)
     n = len(samples.times_s)
     while stop - start < n:
         count = min(n, 2 * (stop - start))
@@ -462,10 +452,10 @@ def _sure_in_parts(
     for start, stop in bounds:
         if np.ptp(samples.power_w[start:stop]) == 0:
             return
-        local = _searched(samples, shortest_s, longest_s, (start, stop))
         part = samples.part(start, stop)
+        frequency_hz, order = _searched(part, shortest_s, longest_s)
         part = replace(part, power_w=part.power_w - part.power_w.mean())
-        found = _assess(part, local.frequency_hz, local.order, (shortest_s, part.span_s / MIN_PERIODS))
+        found = _assess(part, frequency_hz, order, (shortest_s, part.span_s / MIN_PERIODS))
         if not (found.periodic and found.chance <= _SURE):
             return
         yield part, found

@@ -24,7 +24,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.dubins import Piece, Pose, ordered_each, polyline_m, straight
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.errors import Infeasible
-from eadp.survey.line_order import best_order, quick_order
+from eadp.survey.line_order import LineCosts, best_order, quick_order
 from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, MotionLimits, half_circle
 
 TRIM_SHARE = 0.25
@@ -48,15 +48,6 @@ MIN_GAIN = 1e-6
 
 class NotFree(Infeasible):
     """No order of lines, or no way between two, stays out of obstacles and inside a boundary."""
-
-
-class LineCosts(NamedTuple):
-    """The arguments of `line_order.best_order` [s]."""
-
-    between_s: FloatArray
-    own_s: FloatArray
-    first_s: FloatArray
-    last_s: FloatArray
 
 
 class FreeTurn(NamedTuple):
@@ -115,14 +106,14 @@ class FreeTurns:
     """The quickest free turns between poses: direct, or around the corners of the free space.
 
     A corner stands twice in `_corners`: as a pose along its ring, then as the pose in the other direction. `_between`
-    keeps what `direct` has found for a start and an end, `found` what `turn` has found; None where no turn is free.
+    keeps what `direct` has found for a start and an end, `_found` what `turn` has found; None where no turn is free.
     """
 
     space: FreeSpace
     motion: MotionLimits
     _corners: list[Pose] = field(default_factory=list)
     _between: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
-    found: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
+    _found: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for ring in self.space.corners_m(CORNER_RATIO * self.motion.min_radius_m):
@@ -161,9 +152,9 @@ class FreeTurns:
     def turn(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found, direct or around corners; None where none is."""
         key = start, end
-        if key not in self.found:
-            self.found[key] = self.direct(start, end) or self._around(start, end)
-        return self.found[key]
+        if key not in self._found:
+            self._found[key] = self.direct(start, end) or self._around(start, end)
+        return self._found[key]
 
     def _around(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found around corners; None where none is.
@@ -241,39 +232,29 @@ def free_order(
     failure = NotFree("no order of the lines has turns that stay out of the obstacles and inside the boundary")
     if np.ptp(turns.space.rooms([leg.start[:2] for leg in directed])):
         raise failure
-    between_s, own_s, first_s, last_s = costs
-    between_s = between_s.copy()  # raised below where the turn is not free
+    costs = costs._replace(between=costs.between.copy())  # raised below, once checked, to the times of free turns
     # the time of a turn without a free way: above any sum of times, so that only an order with such a turn reaches it
-    blocked_s = 1e3 * (float(between_s.max()) + float(own_s.sum()) + 1)
+    blocked_s = 1e3 * (float(costs.between.max()) + float(costs.own.sum()) + 1)
     checked: set[tuple[int, int]] = set()
-
-    def take_free_times(pairs: Iterable[tuple[int, int]]) -> None:
-        """Raise these turns in `between_s` to their free times, or to `blocked_s`, and mark them `checked`."""
-        for a, b in pairs:
-            found = turns.turn(directed[a].end, directed[b].start)
-            between_s[a, b] = blocked_s if found is None else max(found.time_s, between_s[a, b])
-            checked.add((a, b))
-
-    ends = {leg.end: i for i, leg in enumerate(directed)}
-    starts = {leg.start: i for i, leg in enumerate(directed)}
-    # turns that are known from other calls
-    take_free_times([(ends[end], starts[start]) for end, start in turns.found if end in ends and start in starts])
     best: tuple[list[int], float] = [], blocked_s  # of the orders whose turns are all checked
-    order, time_s = quick_order(between_s, own_s, first_s, last_s)
+    order, time_s = quick_order(costs)
     blocked = 0  # orders so far with a turn without a free way
     while blocked < MAX_BLOCKED:
         blocked += time_s >= blocked_s
         unchecked = set(itertools.pairwise(order)) - checked
         if unchecked:
             turns.find_direct((directed[a].end, directed[b].start) for a, b in unchecked)
-            take_free_times(unchecked)
+            for a, b in unchecked:
+                found = turns.turn(directed[a].end, directed[b].start)
+                costs.between[a, b] = blocked_s if found is None else max(found.time_s, costs.between[a, b])
+            checked |= unchecked
             # the same order improved by the new times; one searched in full below, where it has nothing to check
-            order, time_s = quick_order(between_s, own_s, first_s, last_s, order)
+            order, time_s = quick_order(costs, order)
             continue
         best = min(best, (order, time_s), key=lambda one: one[1])
         if draft and time_s < blocked_s:
             break
-        order, time_s = best_order(between_s, own_s, first_s, last_s)
+        order, time_s = best_order(costs)
         if time_s > best[1] * (1 - MIN_GAIN):
             break
     if best[1] < blocked_s:

@@ -194,8 +194,7 @@ class CoverageTask:
         if self.terrain is not None:
             ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, self.landing[:2])
             check_approach(final, ground)
-        space = replace(request, airspace=self._airspace(final)).space  # it leads down to obstacles near home
-        circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), space)
+        circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), request.space)
         return final._replace(
             circle=next((each for each in circles if ground is None or clear_circle(each, final, ground)), None)
         )
@@ -260,9 +259,7 @@ class CoverageTask:
         options = self.options
         ends = point_of("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        pattern, lands = options.pattern, self.landing is not None
-        if self.terrain is not None:
-            pattern = self.terrain.pattern(pattern, lands=lands)
+        pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern)
         return CoverageRequest(
             self.field,
             self.motion,
@@ -348,9 +345,6 @@ class CoverageTask:
     def _over(self, ground: Ground, solution: CoverageSolution, home_m: Point) -> tuple[CoverageSolution, Heights]:
         """A path with its altitudes over a ground, and these. Raises Infeasible as `over_terrain`."""
         assert self._climbing is not None  # else `terrain` is refused
-        if self.options.turns_off and not solution.blocks:
-            split = (part for leg in solution.path(0.0).legs for part in leg.split())
-            solution = replace(solution, sections=tuple(split))
         start_m = 0.0 if self.from_ground else None
         flown, profile = over_terrain(solution, ground, self._climbing, start_m, lands=self.final)
         return flown, Heights(profile, home_m)

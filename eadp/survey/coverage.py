@@ -11,7 +11,6 @@ Source: letter, Sec. IV-A; Dubins 1957 for the turns between lines.
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -29,8 +28,8 @@ from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
 from eadp.errors import Infeasible
 from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Field
 from eadp.plug_ins import plug_in
-from eadp.survey.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
-from eadp.survey.line_order import best_order, quick_order
+from eadp.survey.airspace import FreeTurns, NotFree, free_lines, free_order
+from eadp.survey.line_order import LineCosts, best_order, quick_order
 from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle
 from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts
 
@@ -115,8 +114,17 @@ class LineGrid:
 
     def whole_lines(self, field: Field) -> list[CoverageLeg]:
         """The lines over a field and its gaps: each as a leg, followed by the same line the other way."""
-        spans = zip(self.middles_m.tolist(), self.extents(field), strict=True)
-        return _directed_lines(self.frame, [(u, parts) for u, parts in spans if parts])
+        return self.directed(_without_gaps(self.extents(field)))
+
+    def directed(self, extents: Sequence[Sequence[tuple[float, float]]]) -> list[CoverageLeg]:
+        """A line over each extent, upward [m], followed by the same one the other way; a short one is made longer."""
+        legs = []
+        for u, spans in zip(self.middles_m.tolist(), extents, strict=True):
+            for low, high in spans:
+                extra = max(0.0, MIN_LINE_M - (high - low)) / 2
+                leg = CoverageLeg(straight(self.frame.out(u, low - extra), self.frame.out(u, high + extra)), True)
+                legs += [leg, leg.backward()]
+        return legs
 
     def order_of(self, solution: CoverageSolution) -> list[int]:
         """Indices of the lines, in the order in which a solution without laps first flies a part of each."""
@@ -129,9 +137,9 @@ class LineGrid:
         rings, *others = ([self.frame.into(np.array(ring)) for ring in part] for part in field.parts)
         return strip_extents(rings, self.edges_m, others)
 
-    def window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
-        """Corners in the plane of the ground of lines `first` to `last`, between two values of v [m]."""
-        left, right = float(self.edges_m[first]) - SEAM_M, float(self.edges_m[last + 1]) + SEAM_M
+    def window(self, line: int, low_m: float, high_m: float) -> list[Point]:
+        """Corners in the plane of a line's ground between two values of v [m]."""
+        left, right = float(self.edges_m[line]) - SEAM_M, float(self.edges_m[line + 1]) + SEAM_M
         corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
         return [self.frame.out(*corner) for corner in corners]
 
@@ -400,15 +408,10 @@ def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> Covera
     drafts_s = [round(next(_chains(request, *design, corners=1)).time_s, TIE_DIGITS) for design in designs]
     best_first = [designs[i] for i in np.argsort(drafts_s, kind="stable")]
     found = [chain for design in best_first[:FULL_LAYOUTS] for chain in _chains(request, *design)]
-    if not found:
-        return None
-    if request.space is None:
-        best = min(found, key=lambda chain: round(chain.time_s, TIE_DIGITS))  # of equal ones the first
-        return connected(request, ZAMBONI, best.heading_rad, [[block] for block in best.blocks])
-    for chain in sorted(found, key=lambda chain: chain.time_s):
+    for chain in sorted(found, key=lambda chain: round(chain.time_s, TIE_DIGITS)):  # of equal ones the first
         # laps of any sequence of c1 lie in the hull of those at its ends
         hulls = ([leg.piece for c1 in (0.0, block.min_c1) for leg in block.legs(c1)] for block in chain.blocks)
-        if all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
+        if request.space is None or all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
             with suppress(Infeasible):
                 return connected(request, ZAMBONI, chain.heading_rad, [[block] for block in chain.blocks])
     return None
@@ -508,7 +511,7 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: b
     sets = _quickest_sets(request, headings)
     if request.space is not None:
         return _free_in_order(request, request.space, sets, draft)
-    solved = [(each, *best_order(*each.costs)) for each in sets[:FULL_SEARCHES]]
+    solved = [(each, *best_order(each.costs)) for each in sets[:FULL_SEARCHES]]
     # of equal times, up to rounding, the heading that was tried first
     best, order, _ = min(solved, key=lambda found: (round(found[2], 9), found[0].number))
     return connected(request, DUBINS, best.heading_rad, [best.directed[i].with_leads(request.motion) for i in order])
@@ -528,7 +531,7 @@ def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> list[
                 continue
             lost_s = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
         costs = line_costs(request, directed)
-        found.append(_LineSet(quick_order(*costs)[1] + lost_s, len(found), heading, directed, costs))
+        found.append(_LineSet(quick_order(costs)[1] + lost_s, len(found), heading, directed, costs))
     return sorted(found, key=lambda each: each[:2])
 
 
@@ -561,11 +564,14 @@ def _lines_at(request: CoverageRequest, heading_rad: float) -> Iterator[list[Cov
     swath_m = request.motion.swath_m
     grid = request.grid or LineGrid.over(request.field, heading_rad, swath_m, request.order_spacing_m or swath_m)
     extents = grid.extents(request.field)
-    whole = [(u, parts) for u, parts in zip(grid.middles_m.tolist(), extents, strict=True) if parts]
-    yield _directed_lines(grid.frame, whole)
-    cut = [(u, [part]) for u, parts in whole for part in parts]
-    if len(cut) > len(whole):
-        yield _directed_lines(grid.frame, cut)
+    yield grid.directed(_without_gaps(extents))
+    if any(len(spans) > 1 for spans in extents):
+        yield grid.directed(extents)
+
+
+def _without_gaps(extents: Sequence[Sequence[tuple[float, float]]]) -> list[list[tuple[float, float]]]:
+    """Of each line one extent, from the start of its first one to the end of its last."""
+    return [[(spans[0][0], spans[-1][1])] if spans else [] for spans in extents]
 
 
 def _canonical_frame(field: Field, heading_rad: float) -> StripFrame:
@@ -584,22 +590,6 @@ def _canonical_frame(field: Field, heading_rad: float) -> StripFrame:
     of_u, of_v = signs
     # u is flipped by `towards`, v by towards · hand: so hand = of_u of_v
     return frame_of(heading_rad, towards=of_u, hand=of_u * of_v)
-
-
-def _directed_lines(frame: StripFrame, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> list[CoverageLeg]:
-    """Lines, each followed by the same one the other way, from positions u [m] and extents along them [m], upward.
-
-    A line goes over the gaps between its extents, too; one that is too short is made longer at both ends.
-    """
-    legs = []
-    for u, parts in spans:
-        low, high = parts[0][0], parts[-1][1]
-        extra = max(0.0, MIN_LINE_M - (high - low)) / 2
-        # from the end of one part to the start of the next, counted from the line's start
-        gaps = tuple((end - low + extra, start - low + extra) for (_, end), (start, _) in itertools.pairwise(parts))
-        leg = CoverageLeg(straight(frame.out(u, low - extra), frame.out(u, high + extra)), True, gaps)
-        legs += [leg, leg.backward()]
-    return legs
 
 
 # --- between lines ----------------------------------------------------------------------------------------------------

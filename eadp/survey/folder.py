@@ -13,14 +13,14 @@ from eadp.api.flight import Flight, fly_flight
 from eadp.api.given import File, JobKind, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, load_flight
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.polygons import Ring, covered_share, ground_m2, inner_point, strips, uncovered
+from eadp.core.geometry.polygons import Ring, covered_share, ground_m2, strips
 from eadp.errors import InputError
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
 from eadp.survey.figures import write_sorties_figure
-from eadp.survey.report import MIN_SHARE, LeftGround, left_text
+from eadp.survey.report import LeftGround, left_ground, left_text
 from eadp.survey.resume import MIN_PART_SHARE, SLIVER_SHARE
 from eadp.survey.sorties import SCHEMA, SortiePlan
 
@@ -206,9 +206,7 @@ def simulate_sorties(
         planned += planned_lines(inputs.mission.plan, inputs.mission.parameters)
         lines += flown_lines(inputs.mission.plan, flown_of_plan(flight.columns, summary["turned_back_s"]))
     field_m2, on_lines = sum(ground_m2(*part) for part in job.parts), strips(job.parts, planned, job.swath_m)
-    places = uncovered(on_lines, lines, job.swath_m, SLIVER_SHARE * job.swath_m)
-    left = [LeftGround(rings, ground_m2(*rings), inner_point(*rings)) for rings in places]
-    left = sorted((each for each in left if each.area_m2 >= MIN_SHARE * field_m2), key=lambda each: -each.area_m2)
+    left = left_ground(on_lines, lines, job.swath_m, SLIVER_SHARE)
     completed = sum(each.area_m2 for each in left) < MIN_PART_SHARE * field_m2
     qualities = [row["quality"] for row in rows if row["quality"] is not None]
     job_summary: dict[str, Any] = {

@@ -327,10 +327,8 @@ def _unphotographed(solution: CoverageSolution, until_m: float, motion: MotionLi
         if not leg.sensing or start_m >= until_m - SAME_M:
             found.append(leg)
             continue
-        low_m = until_m - start_m
-        low, *rest = [leg] if end_m <= until_m + SAME_M else leg.cut(low_m)
-        gaps = tuple((max(start - low_m, 0.0), end - low_m) for start, end in leg.gaps_m if end > low_m)
-        found += [replace(low, sensing=False, gaps_m=()), *(replace(each, gaps_m=gaps) for each in rest)]
+        low, *rest = [leg] if end_m <= until_m + SAME_M else leg.cut(until_m - start_m)
+        found += [replace(low, sensing=False), *rest]
     if not any(leg.sensing for leg in found):
         raise Infeasible("all lines lie in the climb from home", "another --home, or less altitude")
     return timed(replace(solution, sections=tuple(found)), motion)
@@ -347,9 +345,6 @@ near, and of the neighbours."""
 
 ASIDE_M = 2.0
 """Distance of a flight from its line [m]: 0.8 m after turns in steady wind, 1.5 m in gusts of 1.5 m/s."""
-
-LAPS_TRIED = 5
-"""Values of c1 at which the ground under laps is taken."""
 
 FLARE_M = 3.0
 """Height from which on an aircraft flares, by the ground as it is [m]: LAND_FLARE_ALT of ArduPilot by default."""
@@ -478,7 +473,7 @@ def over_terrain(
     *,
     lands: FinalApproach | None = None,
 ) -> tuple[CoverageSolution, HeightProfile]:
-    """A path whose legs have the altitudes that keep it above the ground; laps have one altitude.
+    """A path without laps whose legs have the altitudes that keep it above the ground.
 
     Parameters
     ----------
@@ -488,21 +483,21 @@ def over_terrain(
     start_m : float, optional
         Altitude at the start [m], for a flight from the ground; by default that of the first leg.
     lands : FinalApproach, optional
-        The last leg, of a flight that lands; not after laps. Circles are flown before it where the flight is too high.
+        The last leg, of a flight that lands. Circles are flown before it where the flight is too high.
 
     Returns
     -------
     CoverageSolution
         Straight legs are cut where another altitude is commanded.
     HeightProfile
-        Of laps, at their finest spacing; a final approach is one slope, as an autopilot flies it.
+        A final approach is one slope, as an autopilot flies it.
 
     Raises
     ------
     Infeasible
         Where the height of the ground is not known, or the aircraft cannot climb over it, or descend to the approach.
     """
-    legs = _legs(solution, 0.0)
+    legs = _legs(solution)
     samples, motion = ground.samples(legs), ground.motion
     circles = 0 if lands is None else sum(leg == lands.circle for leg in legs)
     # the last samples before the circles and before the final approach, or of all
@@ -524,16 +519,12 @@ def over_terrain(
         down_m = RATE_SHARE * climbing.down_mps * float(seconds[last:before].sum())
         floor_m[last], hard_m[last], ceiling_m[last] = approach_m - LEVEL_M, approach_m, approach_m + down_m
     # altitudes commanded, each with the number of the last sample up to which it holds
-    if solution.blocks:
-        found = [(len(below_m) - 1, _laps_altitude_m(solution, ground))]
-    else:
-        to = last + 1
-        may_change = _may_change(legs, samples)[:to]
-        band = Band(samples.places_m[:to], seconds[:last], floor_m[:to], ceiling_m[:to], may_change)
-        try:
-            found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
-        except Unreachable as error:
-            raise Infeasible(f"{error}, at {ground.terrain.place_text(samples.points_m[error.target])}") from None
+    to = last + 1
+    band = Band(samples.places_m[:to], seconds[:last], floor_m[:to], ceiling_m[:to], _may_change(legs, samples)[:to])
+    try:
+        found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
+    except Unreachable as error:
+        raise Infeasible(f"{error}, at {ground.terrain.place_text(samples.points_m[error.target])}") from None
     if circles:
         found.append((before, approach_m))
     flown_m = [np.array(found[0][1] if start_m is None else start_m)]
@@ -551,13 +542,7 @@ def over_terrain(
         flown_m += [*np.interp(ways_m, samples.places_m[[before, -1]], [float(flown_m[-1]), land_m])]
     altitudes_m, levels_m = _repeated(found), tuple(level_m for _, level_m in found)
     profile = HeightProfile(samples, ground, below_m, sides_m, np.array(flown_m), levels_m)
-    return solution if solution.blocks else replace(solution, sections=_cut(legs, samples, altitudes_m)), profile
-
-
-def _laps_altitude_m(solution: CoverageSolution, ground: Ground) -> float:
-    """The one altitude of laps, for every c1 [m]."""
-    tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()
-    return float(math.ceil(max(_band(ground.samples(_legs(solution, c1)), ground)[2].max() for c1 in tried)))
+    return replace(solution, sections=_cut(legs, samples, altitudes_m)), profile
 
 
 def _may_change(legs: Sequence[CoverageLeg], samples: Samples) -> BoolArray:
@@ -577,7 +562,7 @@ def climb_lack(solution: CoverageSolution, ground: Ground, climbing: Climbing, s
 
     Raises Infeasible where the height of the ground is not known.
     """
-    legs = _legs(solution, 0.0)
+    legs = _legs(solution)
     samples = ground.samples(legs)
     _, _, hard_m, _ = _band(samples, ground)
     up_mps, seconds = RATE_SHARE * climbing.up_mps, _seconds(samples, ground.motion)
@@ -657,8 +642,8 @@ def _repeated(found: Sequence[tuple[int, float]]) -> FloatArray:
     return np.repeat(levels_m, np.diff([0, *lasts]))
 
 
-def _legs(solution: CoverageSolution, c1: float) -> list[CoverageLeg]:
-    return [leg for leg in solution.path(c1).legs if leg.piece.length_m > 0]
+def _legs(solution: CoverageSolution) -> list[CoverageLeg]:
+    return [leg for leg in solution.path(0.0).legs if leg.piece.length_m > 0]
 
 
 def _band(samples: Samples, ground: Ground) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -765,13 +750,10 @@ class TerrainTask(NamedTuple):
         return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
 
     @staticmethod
-    def pattern(pattern: str, *, lands: bool) -> str:
-        """Lines in an order instead of either pattern: laps have one altitude, too high above the lower ground.
-
-        Raises Infeasible where laps are asked for, and a landing.
-        """
-        if pattern == ZAMBONI and lands:
-            raise Infeasible("laps have one altitude, and over terrain the final approach another", "--pattern dubins")
+    def pattern(pattern: str) -> str:
+        """Lines in an order instead of either pattern; raises Infeasible where laps are asked for."""
+        if pattern == ZAMBONI:
+            raise Infeasible("laps have one altitude, and do not follow a terrain", "--pattern dubins")
         return DUBINS if pattern == AUTO else pattern
 
     def ground(self, field: Field, motion: MotionLimits, apart_m: float, zero: Point) -> Ground:

@@ -15,10 +15,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray, IntArray
 
@@ -47,41 +46,61 @@ s, in 0.3 s at most.
 """
 
 
-def best_order(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLike) -> tuple[list[int], float]:
-    """The order of lines of least cost: exact up to `EXACT_LINES`, by local search beyond.
+class LineCosts(NamedTuple):
+    """Costs of flying n lines in any order and direction [m or s].
 
-    Parameters
+    Attributes
     ----------
-    costs : array, shape (2n, 2n)
-        Cost from the end of directed line a to the start of directed line b [m or s]; a line's to itself is not used.
+    between : array, shape (2n, 2n)
+        From the end of directed line a to the start of directed line b; a line's to itself is not used.
     own : array, shape (2n,)
-        Cost of each directed line itself.
+        Of each directed line itself.
     first, last : array, shape (2n,)
-        Cost from the point of departure to the start of each directed line, and from its end to the point of arrival;
-        0 where these are free.
+        From the point of departure to the start of each directed line, and from its end to the point of arrival; 0
+        where these are free.
+    """
+
+    between: FloatArray
+    own: FloatArray
+    first: FloatArray
+    last: FloatArray
+
+    @property
+    def lines(self) -> int:
+        """The number of lines."""
+        return len(self.own) // 2
+
+    def with_total(self, order: list[int]) -> tuple[list[int], float]:
+        """An order of directed lines, and its cost."""
+        if not order:
+            return order, 0.0
+        at = np.asarray(order)
+        ends = self.first[at[0]] + self.last[at[-1]]
+        return order, float(ends + self.own[at].sum() + self.between[at[:-1], at[1:]].sum())
+
+
+def best_order(costs: LineCosts) -> tuple[list[int], float]:
+    """The order of lines of least cost: exact up to `EXACT_LINES`, by local search beyond.
 
     Returns
     -------
     order : list of int
-        Directed lines, each line once. The same for the same arguments.
+        Directed lines, each line once. The same for the same costs.
     cost : float
         Its total.
 
     Source: see the module.
     """
-    problem = _problem(costs, own, first, last)
-    if problem.lines <= EXACT_LINES:
-        return problem.with_cost(_held_karp(problem))
-    search = _Search(problem)
-    return problem.with_cost(search.improved(search.perturbed(search.improved(_initial_order(problem)))))
+    if costs.lines <= EXACT_LINES:
+        return costs.with_total(_held_karp(costs))
+    search = _Search(costs)
+    return costs.with_total(search.improved(search.perturbed(search.improved(_initial_order(costs)))))
 
 
-def quick_order(
-    costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLike, known: Sequence[int] | None = None
-) -> tuple[list[int], float]:
+def quick_order(costs: LineCosts, known: list[int] | None = None) -> tuple[list[int], float]:
     """A good order at a tenth of the effort, to compare fields, headings or spacings with one another.
 
-    Arguments and results are those of `best_order`; `known` is an order to improve.
+    Results are those of `best_order`; `known` is an order to improve.
 
     Notes
     -----
@@ -90,63 +109,24 @@ def quick_order(
 
     Source: Bochtis and Vougioukas 2008 for orders that skip.
     """
-    problem = _problem(costs, own, first, last)
-    if problem.lines < 2:
-        return problem.with_cost(_held_karp(problem))
-    return problem.with_cost(_Search(problem).improved(_initial_order(problem) if known is None else known))
-
-
-# --- the problem ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class _Problem:
-    """Costs, see `best_order`; 0 from a line to itself, in either direction."""
-
-    costs: FloatArray
-    own: FloatArray
-    first: FloatArray
-    last: FloatArray
-
-    @property
-    def lines(self) -> int:
-        return len(self.own) // 2
-
-    def total(self, order: Sequence[int]) -> float:
-        """The cost of an order of directed lines."""
-        if not order:
-            return 0.0
-        at = np.asarray(order)
-        ends = self.first[at[0]] + self.last[at[-1]]
-        return float(ends + self.own[at].sum() + self.costs[at[:-1], at[1:]].sum())
-
-    def with_cost(self, order: Sequence[int]) -> tuple[list[int], float]:
-        """An order, and its cost."""
-        return list(order), self.total(order)
-
-
-def _problem(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLike) -> _Problem:
-    """The problem of some costs."""
-    rows = [np.asarray(row, dtype=float) for row in (own, first, last)]
-    # pairs of one line with itself or with its other direction
-    of_one = np.kron(np.eye(rows[0].size // 2, dtype=bool), np.ones((2, 2), dtype=bool))
-    return _Problem(np.where(of_one, 0.0, np.asarray(costs, dtype=float)), *rows)
+    if costs.lines < 2:
+        return costs.with_total(_held_karp(costs))
+    return costs.with_total(_Search(costs).improved(_initial_order(costs) if known is None else known))
 
 
 # --- exactly ----------------------------------------------------------------------------------------------------------
 
 
-def _held_karp(problem: _Problem) -> list[int]:
+def _held_karp(costs: LineCosts) -> list[int]:
     """The order of least cost, by dynamic programming over sets of lines: 2ⁿ n² steps."""
-    n = problem.lines
+    n = costs.lines
     if n == 0:
         return []
-    costs, own = problem.costs, problem.own
     # least[e, s]: the smallest cost of flying the set s of lines (bit i is line i) with directed line e last
     # least[e, s + line(e)] = min_d (least[d, s] + cost[d, e]) + own[e]
     least = np.full((2 * n, 1 << n), np.inf)
     directed = np.arange(2 * n)
-    least[directed, 1 << (directed // 2)] = problem.first + own
+    least[directed, 1 << (directed // 2)] = costs.first + costs.own
     sets = np.arange(1 << n)
     sizes = (sets[:, np.newaxis] >> np.arange(n) & 1).sum(axis=1)
     for size in range(1, n):
@@ -155,13 +135,14 @@ def _held_karp(problem: _Problem) -> list[int]:
             without = of_size[(of_size >> line) & 1 == 0]  # sets of this size without the line
             costs_before = least[:, without]
             for end in (2 * line, 2 * line + 1):
-                least[end, without | 1 << line] = (costs_before + costs[:, end, np.newaxis]).min(axis=0) + own[end]
+                cheapest = (costs_before + costs.between[:, end, np.newaxis]).min(axis=0)
+                least[end, without | 1 << line] = cheapest + costs.own[end]
     # backwards from the best last line: its predecessor is the last line with which flying the others costs least
-    order = [int(np.argmin(least[:, -1] + problem.last))]
+    order = [int(np.argmin(least[:, -1] + costs.last))]
     left = (1 << n) - 1
     while len(order) < n:
         left ^= 1 << (order[-1] // 2)
-        order.append(int(np.argmin(least[:, left] + costs[:, order[-1]])))
+        order.append(int(np.argmin(least[:, left] + costs.between[:, order[-1]])))
     return order[::-1]
 
 
@@ -201,7 +182,7 @@ def _blocks(lines: int, size: int) -> list[int]:
     return order
 
 
-def _best_directions(problem: _Problem, sequences: IntArray) -> tuple[FloatArray, IntArray]:
+def _best_directions(costs: LineCosts, sequences: IntArray) -> tuple[FloatArray, IntArray]:
     """The best directions for sequences of lines, shape (k, n), by dynamic programming.
 
     Returns the total cost of each sequence, shape (k,), and the direction of each of its lines, 0 forward and 1
@@ -212,14 +193,14 @@ def _best_directions(problem: _Problem, sequences: IntArray) -> tuple[FloatArray
     # of the i-th line of each sequence in each direction: the best direction of the line before it, and the least cost
     # up to its end
     come_from = np.zeros((count, n, 2), dtype=np.intp)
-    least = problem.first[directed[:, 0]] + problem.own[directed[:, 0]]
+    least = costs.first[directed[:, 0]] + costs.own[directed[:, 0]]
     rows = np.arange(count)
     for i in range(1, n):
         # cost up to the line before + turn, shape (k, from, to)
-        step = least[:, :, np.newaxis] + problem.costs[directed[:, i - 1, :, np.newaxis], directed[:, i, np.newaxis, :]]
+        step = least[:, :, np.newaxis] + costs.between[directed[:, i - 1, :, np.newaxis], directed[:, i, np.newaxis, :]]
         come_from[:, i] = step[:, 1] < step[:, 0]
-        least = np.minimum(step[:, 0], step[:, 1]) + problem.own[directed[:, i]]
-    least = least + problem.last[directed[:, -1]]
+        least = np.minimum(step[:, 0], step[:, 1]) + costs.own[directed[:, i]]
+    least = least + costs.last[directed[:, -1]]
     chosen = np.empty((count, n), dtype=np.intp)
     chosen[:, -1] = least[:, 1] < least[:, 0]
     for i in range(n - 1, 0, -1):
@@ -227,10 +208,10 @@ def _best_directions(problem: _Problem, sequences: IntArray) -> tuple[FloatArray
     return least.min(axis=1), chosen
 
 
-def _initial_order(problem: _Problem) -> list[int]:
+def _initial_order(costs: LineCosts) -> list[int]:
     """A directed order to start from: the cheapest of `_sequences`, in its best directions."""
-    sequences = _sequences(problem.lines)
-    totals, directions = _best_directions(problem, sequences)
+    sequences = _sequences(costs.lines)
+    totals, directions = _best_directions(costs, sequences)
     cheapest = int(totals.argmin())
     found: list[int] = (2 * sequences + directions)[cheapest].tolist()
     return found
@@ -252,15 +233,15 @@ class _Search:
     effort.
     """
 
-    def __init__(self, problem: _Problem) -> None:
-        self.lines = n = problem.lines
+    def __init__(self, costs: LineCosts) -> None:
+        self.lines = n = costs.lines
         self.depot = depot = 2 * n
         # what a line costs more than in its cheaper direction: half goes to the turn before it, half to the turn after
-        extra = problem.own - np.minimum(problem.own[0::2], problem.own[1::2]).repeat(2)
+        extra = costs.own - np.minimum(costs.own[0::2], costs.own[1::2]).repeat(2)
         table = np.zeros((2 * n + 1, 2 * n + 1))
-        table[:depot, :depot] = problem.costs + (extra[:, np.newaxis] + extra) / 2
-        table[depot, :depot] = problem.first + extra / 2
-        table[:depot, depot] = problem.last + extra / 2
+        table[:depot, :depot] = costs.between + (extra[:, np.newaxis] + extra) / 2
+        table[depot, :depot] = costs.first + extra / 2
+        table[:depot, depot] = costs.last + extra / 2
         self.table: list[list[float]] = table.tolist()
         backward = np.append(np.arange(2 * n) ^ 1, depot)
         # [a, b]: the extra cost of the turn from a to b when flown from b reversed to a reversed

@@ -215,7 +215,7 @@ def _raw(given: Pair) -> str:
 
 def two_numbers(option: str, given: Pair, expected: str) -> Point:
     try:
-        first, second = (float(word) for word in _raw(given).replace(",", " ").replace("@", " ").split())
+        first, second = (float(word) for word in _raw(given).replace(",", " ").split())
     except ValueError:
         first = second = math.nan
     if not (math.isfinite(first) and math.isfinite(second)):

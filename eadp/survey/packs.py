@@ -68,7 +68,7 @@ def whole_lines(ground: Field, field: Field, grid: LineGrid, gap_m: float, min_s
             else:
                 joined.append((low, high))
         for low, high in joined:
-            window = grid.window(i, i, low, high)
+            window = grid.window(i, low, high)
             left_m2, whole_m2 = (
                 sum(ground_m2(*part) for part in clipped(each.parts, [window])) for each in (ground, field)
             )
@@ -121,20 +121,14 @@ class Division:
 
     def part(self, start_m: float, end_m: float) -> Field:
         """The ground of the lines between two places [m]; of a line cut at `start_m`, with the overlap before it."""
-        windows, whole = [], set[int]()  # windows of lines that are cut; numbers of lines that are not
+        windows = []
         for k, line in enumerate(self._order):
             own_start, own_end = float(self._ends[k]), float(self._ends[k + 1])
             if own_end <= start_m + SAME_M or own_start >= end_m - SAME_M:
                 continue
             low = -FAR_M if start_m <= own_start + SAME_M else self._along(k, start_m) - self._overlap_m
             high = FAR_M if end_m >= own_end - SAME_M else self._along(k, end_m)
-            if (low, high) == (-FAR_M, FAR_M):
-                whole.add(line)
-            else:
-                windows.append(self._grid.window(line, line, low, high))
-        for first in sorted(line for line in whole if line - 1 not in whole):  # lines beside each other as one
-            last = next(line for line in itertools.count(first) if line + 1 not in whole)
-            windows.append(self._grid.window(first, last, -FAR_M, FAR_M))
+            windows.append(self._grid.window(line, low, high))
         return self._field.with_parts(clipped(self._field.parts, windows))
 
     def _along(self, k: int, place_m: float) -> float:
@@ -179,11 +173,6 @@ class PlannedSortie:
     def energy_wh(self) -> float:
         """Energy that it takes [Wh]."""
         return self.forecast.forecast.energy_wh or 0.0
-
-    @property
-    def time_s(self) -> float:
-        """Time that it takes [s]."""
-        return self.forecast.forecast.remaining_s or 0.0
 
     @property
     def used_on_lines(self) -> float:

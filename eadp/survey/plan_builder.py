@@ -188,8 +188,6 @@ class _PlanBuilder:
     def _add_once(self, legs: Sequence[CoverageLeg]) -> None:
         """Append a segment of stages flown once; of the first one `start_m` is set, or its first leg cut."""
         first = len(self.stages)
-        if self.computations.off_on_turns:
-            legs = [part for leg in legs for part in leg.split()]
         if first == 0:
             # a plan starts by default so far before its first trigger: 100 m on a line, a quarter of a circle
             piece = legs[0].piece

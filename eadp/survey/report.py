@@ -15,13 +15,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
-from eadp.core.geometry.polygons import (
-    Ring,
-    covered_share,
-    ground_m2,
-    inner_point,
-    uncovered,
-)
+from eadp.core.geometry.polygons import Ring, covered_share, ground_m2, inner_point, uncovered
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
 from eadp.models.airspace import CLEARANCE_M, Field
@@ -110,20 +104,28 @@ class LeftGround(NamedTuple):
         return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg}
 
 
-def left_ground(field: Field, lines: Sequence[Sequence[Point]], swath_m: float) -> list[LeftGround]:
+def left_ground(
+    parts: Sequence[Sequence[Ring]],
+    lines: Sequence[Sequence[Point]],
+    swath_m: float,
+    width_share: float = WIDTH_SHARE,
+) -> list[LeftGround]:
     """The places of a field that lines leave uncovered, the largest first.
 
     Parameters
     ----------
-    field : Field
+    parts : sequence of sequences of rings
+        Those of the field [m], each an outline and its holes.
     lines : sequence of sequences of (float, float)
         Points of each line [m].
     swath_m : float
+    width_share : float, optional
+        Width over the swath below which ground is not left.
     """
-    found = []
-    for rings in uncovered(field.parts, lines, swath_m, WIDTH_SHARE * swath_m):
+    found, field_m2 = [], sum(ground_m2(*part) for part in parts)
+    for rings in uncovered(parts, lines, swath_m, width_share * swath_m):
         area_m2 = ground_m2(*rings)
-        if area_m2 >= MIN_SHARE * field.area_m2:
+        if area_m2 >= MIN_SHARE * field_m2:
             found.append(LeftGround(rings, area_m2, inner_point(*rings)))
     return sorted(found, key=lambda each: -each.area_m2)
 
@@ -314,7 +316,7 @@ class CoveragePlan:
         """The places that are not covered, at the coarsest spacing."""
         if self.least.coverage >= FULL:
             return []
-        return left_ground(self.field, self.least.path.sensed_m, self.motion.swath_m)
+        return left_ground(self.field.parts, self.least.path.sensed_m, self.motion.swath_m)
 
     @property
     def on_ground(self) -> tuple[float, float | None, float | None]:

@@ -87,7 +87,8 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
     if known and planner.task.options.heading_deg is None:
         heading_rad, laps = known[0].heading_rad, known[0].laps
         assert heading_rad is not None
-        planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
+        pattern = ZAMBONI if laps and planner.task.terrain is None else DUBINS
+        planner = replace(planner, lines=(compass_deg(heading_rad), pattern))
     lines = [line for track in tracks for line in track.lines]
     left = left_of(planner, lines)
     again = left and flown_again(planner, left, lines)
@@ -112,11 +113,7 @@ def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
     return whole_lines(left, field, planner.grid(), 2 * math.pi * motion.min_radius_m, SLIVER_SHARE / 2)
 
 
-def flown_again(
-    planner: SortiePlanner,
-    left: Field,
-    flown: Sequence[Line],
-) -> Field | None:
+def flown_again(planner: SortiePlanner, left: Field, flown: Sequence[Line]) -> Field | None:
     """The parts left of a field in which planned lines cover `MIN_PART_SHARE` of it or more that flown ones do not.
 
     The planned lines are those over what is left that have room for their turns. None without such a part.

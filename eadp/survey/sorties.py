@@ -27,26 +27,9 @@ from eadp.planning.registry import planner_class
 from eadp.survey.airspace import free_lines
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.cover import CoverageTask, held_at
-from eadp.survey.coverage import (
-    AUTO,
-    DUBINS,
-    PATTERNS,
-    ZAMBONI,
-    CoverageRequest,
-    CoverageSolution,
-    LineGrid,
-    cover,
-)
+from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, PlannedSortie
-from eadp.survey.report import (
-    FULL,
-    HeightReport,
-    LeftGround,
-    covered_by_lines,
-    left_ground,
-    left_text,
-    rounded_deg,
-)
+from eadp.survey.report import FULL, HeightReport, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
 from eadp.survey.swaths import CoveragePath
 
 SCHEMA: Final = "eadp.sorties/1"
@@ -293,10 +276,9 @@ class SortiePlan:
         heights = [each.plan.heights for each in self.sorties if each.plan.heights is not None]
         if not heights:
             return None
-        width_m, apart_m, gsd_cm = self.sorties[0].plan.on_ground
-        if not self.sorties[0].solution.blocks:  # lines beside each other are those of several sorties
-            middles_m = self.planner.grid().middles_m
-            apart_m = float(np.diff(middles_m)[0]) if len(middles_m) > 1 else None
+        width_m, _, gsd_cm = self.sorties[0].plan.on_ground
+        middles_m = self.planner.grid().middles_m  # lines beside each other are those of several sorties
+        apart_m = float(np.diff(middles_m)[0]) if len(middles_m) > 1 else None
         return HeightReport(heights, width_m, apart_m, gsd_cm)
 
     @cached_property
@@ -314,7 +296,7 @@ class SortiePlan:
         """The places of the ground that they leave uncovered."""
         if self.coverage >= FULL:
             return []
-        return left_ground(self.ground, self._path.sensed_m, self.planner.task.motion.swath_m)
+        return left_ground(self.ground.parts, self._path.sensed_m, self.planner.task.motion.swath_m)
 
     @property
     def pictures(self) -> Pictures | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -269,12 +269,11 @@ def frame_of(heading_rad: float, towards: int = 1, hand: int = 1) -> StripFrame:
 class CoverageLeg:
     """A piece of a coverage path; `sensing` where it is flown to cover ground.
 
-    `gaps_m` are the intervals along it that lie outside the field [m], `altitude_m` is its own, if it has one.
+    `altitude_m` is its own, if it has one.
     """
 
     piece: Piece
     sensing: bool = False
-    gaps_m: tuple[tuple[float, float], ...] = ()
     altitude_m: float | None = None
 
     @property
@@ -294,18 +293,13 @@ class CoverageLeg:
 
     def backward(self) -> CoverageLeg:
         """The same straight leg in the other direction."""
-        piece = straight(self.end[:2], self.start[:2])
-        gaps = tuple((piece.length_m - end, piece.length_m - start) for start, end in reversed(self.gaps_m))
-        return CoverageLeg(piece, self.sensing, gaps)
+        return CoverageLeg(straight(self.end[:2], self.start[:2]), self.sensing)
 
     def led(self, motion: MotionLimits) -> CoverageLeg:
-        """The straight leg made longer by the lead-in, which has no gaps of its own."""
-        before = motion.lead_in_m
-        if not before:
+        """The straight leg made longer by the lead-in."""
+        if not motion.lead_in_m:
             return self
-        x, y, _ = self.piece.pose_at(-before)
-        gaps = tuple((low + before, high + before) for low, high in self.gaps_m)
-        return CoverageLeg(straight((x, y), self.end[:2]), self.sensing, gaps)
+        return CoverageLeg(straight(self.piece.pose_at(-motion.lead_in_m)[:2], self.end[:2]), self.sensing)
 
     def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
         """The straight leg after its lead-in, which covers no ground."""
@@ -313,20 +307,14 @@ class CoverageLeg:
         return [*before, self]
 
     def cut(self, *places_m: float) -> list[CoverageLeg]:
-        """The leg in several, cut at places along it [m]; the parts have no gaps."""
+        """The leg in several, cut at places along it [m]."""
         piece = self.piece
         poses = [piece.start, *(piece.pose_at(place) for place in places_m), piece.end]
         lengths = np.diff([0.0, *places_m, piece.length_m]).tolist()
         return [
-            CoverageLeg(Piece(piece.turn, start, end, length, piece.centre_m), self.sensing, (), self.altitude_m)
+            CoverageLeg(Piece(piece.turn, start, end, length, piece.centre_m), self.sensing, self.altitude_m)
             for (start, end), length in zip(itertools.pairwise(poses), lengths, strict=True)
         ]
-
-    def split(self) -> list[CoverageLeg]:
-        """The leg cut at its gaps, over which nothing is sensed."""
-        # cut at both ends of each gap, the parts are ground, gap, ground, …
-        parts = self.cut(*(end for gap in self.gaps_m for end in gap))
-        return [replace(part, sensing=self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from common import few
 from common.answers import refused
 
 from eadp.measure.figures import _broken, write_fit_figure
-from eadp.measure.power import fit_energy
+from eadp.measure.power import fit_power
 from eadp.measure.spectrum import analyse, periodogram
 
 LOG = "scenarios/example-power-log.csv"
@@ -70,7 +70,7 @@ POWER = 36 + 2 * np.cos(2 * np.pi * TIMES / 46) + 0.3 * np.random.default_rng(0)
 @pytest.mark.parametrize("kind", ["noise", "constant"])
 def test_a_log_without_a_period_has_a_picture(tmp_path: Path, kind: str) -> None:
     power = np.full(60, 36.0) if kind == "constant" else np.random.default_rng(1).normal(size=60)
-    write_fit_figure(str(tmp_path / "a.svg"), fit_energy(TIMES[:60], power))
+    write_fit_figure(str(tmp_path / "a.svg"), fit_power(TIMES[:60], power))
     assert (tmp_path / "a.svg").stat().st_size > 10_000
 
 

@@ -19,7 +19,7 @@ from eadp.measure.measuring import (
     MIN_SAMPLES,
     Configuration,
     Launch,
-    MeasurementSettings,
+    MeasureOptions,
     Sensor,
     check_command,
     fill_placeholders,
@@ -111,7 +111,7 @@ def noisy(deviation_w: float) -> Callable[[float, float], float]:
 
 
 def run(board: Board, configurations: Sequence[Configuration], **settings: float) -> list:
-    given = ["detect", "{fps}"], configurations, board.sensor, MeasurementSettings(**settings)
+    given = ["detect", "{fps}"], configurations, board.sensor, MeasureOptions(**settings)
     return measure(*given, board, board.launch)
 
 
@@ -190,7 +190,7 @@ def test_places_in_the_command() -> None:
 
 
 def test_what_was_measured_is_read_back(board: Callable[..., Board]) -> None:
-    made, settings = board(noisy(0.5)), MeasurementSettings(warmup_s=0, accuracy_w=0.2)
+    made, settings = board(noisy(0.5)), MeasureOptions(warmup_s=0, accuracy_w=0.2)
     measured = measure(["detect", "{fps}"], at(2, 4, 6), made.sensor, settings, made, made.launch)
     body = measurements_csv(measured, ["detect", "{fps}"], made.sensor, settings)
     assert body.splitlines()[:3] == [

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from eadp.errors import InputError
 from eadp.measure.noise import MAX_SHARE, WINDOW, spikes
-from eadp.measure.power import FitOptions, fit_energy, read_fit
+from eadp.measure.power import FitOptions, fit_power, read_fit
 from eadp.measure.power_log import Columns
 
 PERIOD_S, STEP_S = 46.0, 0.5
@@ -67,7 +67,7 @@ def white(seed: int = 1) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", few(range(1, 4), 1))
 def test_white_noise_is_the_noise(seed: int) -> None:
-    model = fit_energy(TIMES, WAVE + 0.3 * white(seed)).model
+    model = fit_power(TIMES, WAVE + 0.3 * white(seed)).model
     assert model.noise_std_w == pytest.approx(0.3, rel=0.1)
     assert model.period_s == pytest.approx(PERIOD_S, rel=0.005)
 
@@ -79,7 +79,7 @@ def test_standard_deviations_hold_under_correlated_noise() -> None:
     for seed in range(12):
         normal = np.random.default_rng(seed).normal(size=960)
         noise = np.asarray(lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], normal)[-460:])
-        model = fit_energy(TIMES, WAVE + 0.5 * noise).model
+        model = fit_power(TIMES, WAVE + 0.5 * noise).model
         assert model.mean_std_w is not None
         inside.append(abs(model.mean_w - 36) < 1.96 * model.mean_std_w)
         inside.append(abs(model.harmonics[0].amplitude_w - 2) < 1.96 * model.amplitude_std_w[0])
@@ -91,7 +91,7 @@ def test_spikes_are_left_out_unless_they_are_to_be_kept() -> None:
     power = WAVE + 0.3 * white()
     places = [0, 100, 101, 300]
     power[places] += 500
-    fitted = fit_energy(TIMES, power)
+    fitted = fit_power(TIMES, power)
     assert fitted.spikes.tolist() == places
     assert fitted.model.samples == len(TIMES) - 4
     assert fitted.model.mean_w == pytest.approx(36, abs=0.05)

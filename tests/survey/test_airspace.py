@@ -202,3 +202,10 @@ def test_a_draft_keeps_the_limits_and_takes_little_longer():
     assert draft.heading_rad == full.heading_rad
     assert full.time_s <= draft.time_s <= 1.05 * full.time_s
     assert not any(within(MAST, x, y, 0.05 - CLEAR_M) for x, y in points(draft.path(0.0)))
+
+
+def test_what_was_planned_before_changes_no_path():
+    mast = ((135.0, 60.0), (180.0, 60.0), (180.0, 105.0), (135.0, 105.0))
+    field = Field(((0.0, 0.0), (300.0, 30.0), (260.0, 180.0), (20.0, 165.0)), airspace=airspace((mast,)))
+    first, again = (cover(CoverageRequest(field, MOTION, "dubins", 0.0)) for _ in range(2))
+    assert first == again

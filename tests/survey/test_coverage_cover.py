@@ -86,15 +86,13 @@ def test_the_plan_passes_its_check_and_reads_back(name, pattern):
     assert plan_text(plan) == text
 
 
-def test_computations_stop_on_turns_and_outside_the_field():
+def test_computations_stop_on_turns():
     computations = FieldComputations((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
     solution = cover(CoverageRequest(HOLE, MOTION, DUBINS, heading_rad=0.0))
     plan = build_plan(solution, computations=computations)
-    gaps = sum(len(leg.gaps_m) for leg in solution.path(0.0).legs)
     for stage in plan.stages:
         if stage.kind == "circle":
             assert stage.sets[-1].inhibited
-    assert sum(stage.kind == "line" and stage.sets[-1].inhibited for stage in plan.stages) >= gaps
     assert any(not stage.sets[-1].inhibited for stage in plan.stages)
 
 

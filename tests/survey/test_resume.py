@@ -235,7 +235,7 @@ def left_on_raster(flown, step=1.0):
 @pytest.mark.parametrize("cut", [{4: [(0, 190), (350, 600)]}, {5: [(0, 500)]}, {2: []}])
 def test_a_place_has_its_area(cut):
     flown = lines(cut)
-    (found,) = left_ground(Field(BOX), flown, SWATH_M)
+    (found,) = left_ground(Field(BOX).parts, flown, SWATH_M)
     assert found.area_m2 == pytest.approx(left_on_raster(flown), rel=0.01)
     (x, y), (number,) = found.place_m, cut
     assert abs(y - (20 + SWATH_M * number)) <= SWATH_M / 2
@@ -244,10 +244,10 @@ def test_a_place_has_its_area(cut):
 
 def test_all_places_the_largest_first():
     cut = {0: [(0, 550)], 2: [(0, 400)], 4: [(100, 600)], 6: [(0, 580)], 8: []}
-    found = left_ground(Field(BOX), lines(cut), SWATH_M)
+    found = left_ground(Field(BOX).parts, lines(cut), SWATH_M)
     assert [each.area_m2 for each in found] == [pytest.approx(SWATH_M * w) for w in (600, 200, 100, 50, 20)]
     total, *places = left_text(found, 0.1617, None)
     assert total == "left       16.17 % of the field, 3.88 ha in 5 places; the largest:"
     assert [line.split(" at ")[0].strip() for line in places] == ["2.40 ha", "0.80 ha", "0.40 ha"]
-    assert left_ground(Field(BOX), lines(), SWATH_M) == []
+    assert left_ground(Field(BOX).parts, lines(), SWATH_M) == []
     assert left_text([], 0.0, None) == []
