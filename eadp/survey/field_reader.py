@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import statistics
 import zipfile
 import zlib
 from collections import Counter
@@ -287,7 +288,8 @@ def _placed(polygon: _Polygon, origin_deg: Point, text: Text, expected: str) -> 
     for ring in polygon.rings:
         placed = [to_near_local_m(latitude, longitude, origin_deg) for longitude, latitude in ring]
         if None in placed:
-            longitude, latitude = ring[placed.index(None)]
+            median = [statistics.median(each) for each in zip(*ring, strict=True)]  # that of the right ones
+            longitude, latitude = max(ring, key=lambda vertex: math.dist(vertex, median))
             what = f"the vertex at longitude {longitude:.10g}, latitude {latitude:.10g} is farther than "
             what += f"{FARTHEST_M / 1000:g} km from the middle of the first outline"
             raise text.error(polygon.of.location, what, expected)
