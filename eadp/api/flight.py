@@ -37,7 +37,7 @@ SUMMARY, OVERRIDES, REPORT = "summary.json", "overrides.txt", "report.html"
 """Files of a flight's folder."""
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
-COUNTED = ("calls", "solved", "retried", "failed", "fallbacks", "closed_form_better", "skipped", "infeasible")
+COUNTED = "calls", "solved", "retried", "failed", "fallbacks", "skipped"
 """Counts of a summary's solver, as of `SolverReport`."""
 AIRSPEEDS = "airspeed_mps", "airspeed_commanded_mps"
 """Columns of `flight.csv` where the airspeed is decided."""

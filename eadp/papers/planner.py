@@ -213,7 +213,6 @@ class PaperPlanner(Planner):
         ran = report.calls - calls
         report.replans += ran > 0
         report.skipped += record.status == KEPT and not ran
-        report.infeasible += record.status == INFEASIBLE
         report.fallbacks += record.status == FALLBACK
         if record.gap is not None:
             report.gaps.append(record.gap)

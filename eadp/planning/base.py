@@ -377,16 +377,12 @@ class SolverReport:
         Re-plannings in which OSQP ran.
     skipped : int
         Re-plannings that kept the last solution, proven to be optimal still.
-    infeasible : int
-        Re-plannings without a feasible solution.
     calls, solved, failed : int
         Runs of OSQP, those whose solution was verified, and those without one.
     retried : int
         Runs that were repeated after a failure.
     fallbacks : int
         Re-plannings whose runs failed: the decision is the planner's fallback.
-    closed_form_better : int
-        Re-plannings where a closed form was better than the solution of OSQP, and was taken.
     by_status : dict
         Runs by the status that they ended with.
     gaps : list of float
@@ -397,13 +393,11 @@ class SolverReport:
 
     replans: int = 0
     skipped: int = 0
-    infeasible: int = 0
     calls: int = 0
     solved: int = 0
     retried: int = 0
     failed: int = 0
     fallbacks: int = 0
-    closed_form_better: int = 0
     by_status: dict[str, int] = field(default_factory=dict)
     gaps: list[float] = field(default_factory=list)
     solve_ms: list[float] = field(default_factory=list)

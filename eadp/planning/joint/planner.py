@@ -288,7 +288,6 @@ class JointPlanner(Planner):
         if search and found is not None:
             self._last_search = LastSearch(found.solution.value, found.left_over)
         if found is None:
-            report.infeasible += 1
             why = f"{TOO_WINDY}: the rest of the plan cannot be flown in this wind"
             self._decision = self._decision._replace(reason=why)
         else:
@@ -460,7 +459,6 @@ class JointPlanner(Planner):
         `calls` is the count of OSQP's runs before this re-planning, and `searched` whether the path was searched.
         """
         solution, limit = plan.solution, self._battery_limit(known, plan)
-        self.report.infeasible += not solution.feasible
         if solution.feasible:
             self._infeasible_since_s = None
         elif self._infeasible_since_s is None:

@@ -25,7 +25,6 @@ def test_every_row_of_a_flight_keeps_to_the_trade_offs(r1, r2, least):
     # a re-planning counts once, also where its computations were solved for two paths
     solver, records = flight.summary["solver"], flight.decisions
     assert solver["skipped"] == sum(record.status == "kept" and not record.calls for record in records)
-    assert solver["infeasible"] == sum(record.status == "infeasible" for record in records)
     assert flight.summary["replans"] == sum(record.calls > 0 for record in records)
     values = [r1 * step.parameters[0] + r2 * step.parameters[1] for step in flight.steps]
     assert min(values) >= least - 1e-9

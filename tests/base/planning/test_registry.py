@@ -206,13 +206,12 @@ def test_the_output_constraint_limits_the_computations():
     assert motion + nxt > 0.70 * 47.36 - 0.3
 
 
-def test_nothing_admissible_is_the_lowest_counted_and_said():
+def test_nothing_admissible_is_the_lowest_and_said():
     pilot = planner(battery=replace(BATTERY, letter_crate_per_h=1.0))
     decision = steadily(pilot, 29, soc=0.3)
     assert decision.parameters[1] == 2.0
     assert decision.reason.startswith("infeasible")
     report = pilot.report
-    assert report.infeasible == len(report.solve_ms) > 0
     assert report.calls == report.failed == report.fallbacks == 0
     assert decision.record.status == "infeasible"
 
