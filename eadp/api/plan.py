@@ -119,16 +119,6 @@ def read_plan(
     return read.plan
 
 
-def plan_of(given: File | Plan, warn: Warn) -> tuple[Plan, str]:
-    """A plan that is given, and its name in messages."""
-    if isinstance(given, Plan):
-        return given, given.name
-    text = read_text(str(given))
-    plan, findings = PlanReader()(text)
-    warn([finding.fault(text.name) for finding in findings])
-    return plan, text.name
-
-
 def _zone_findings(plan: Plan) -> list[Finding]:
     """Warnings where the path at the take-off parameters enters an obstacle, or leaves the boundary."""
     airspace = plan.site.airspace

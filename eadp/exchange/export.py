@@ -11,7 +11,6 @@ from typing import Annotated, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
-from eadp.api.plan import plan_of
 from eadp.core.geometry.geodesy import (
     FARTHEST_M,
     place_text,
@@ -31,10 +30,11 @@ from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START, MissionItem
 from eadp.exchange.path import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
 from eadp.exchange.writer import EXPORTS, files_beside, items_text, mapped_items, mission_items, writer_of
 from eadp.io.flight import airspeeds_text
+from eadp.io.plan.sources import PlanReader
 from eadp.io.plan.writer import parameters_of
 from eadp.io.scenario import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag, check_range
-from eadp.io.text.streams import write_text
+from eadp.io.text.streams import read_text, write_text
 from eadp.models.airspace import Airspace, risk_text
 from eadp.models.autopilot import ARDUPILOT, LANDS, PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
@@ -164,9 +164,19 @@ class _Chosen(NamedTuple):
     parameters: str = ""
 
 
+def _plan(given: File | Plan, warn: Warn) -> tuple[Plan, str]:
+    """A plan that is given, and its name in messages."""
+    if isinstance(given, Plan):
+        return given, given.name
+    text = read_text(str(given))
+    plan, findings = PlanReader()(text)
+    warn([finding.fault(text.name) for finding in findings])
+    return plan, text.name
+
+
 def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     """A plan at the parameters that are stated."""
-    plan, name = plan_of(given, warn)
+    plan, name = _plan(given, warn)
     made = plan.site.made_for
     airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
     planned = _planned(plan, name, parameters_of(plan, options.overrides))
@@ -189,7 +199,7 @@ def _forecast(
     plan, airframe = inputs.mission.plan, inputs.mission.vehicle
     name = inputs.sources["plan"].name
     if options.altitude_m is None and not airframe.takes_commands:
-        stated, _ = plan_of(given, lambda _: None)
+        stated, _ = _plan(given, lambda _: None)
         if any(stage.altitude_m is not None for stage in stated.stages):
             message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
             raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")

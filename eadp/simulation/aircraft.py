@@ -250,15 +250,11 @@ def _curve_drag_n(c: Constants, speed: float) -> float:
     speeds, drags = len(c) - 2 * count, len(c) - count
     if speed <= c[speeds]:
         return c[drags]
-    i, after = 0, count
-    while after - i > 1:  # the last point that is not above the speed
-        middle = (i + after) // 2
-        if speed < c[speeds + middle]:
-            after = middle
-        else:
-            i = middle
-    if after == count:
+    if speed >= c[drags - 1]:
         return c[drags + count - 1]
+    i = 0  # the last point that is not above the speed
+    while speed >= c[speeds + i + 1]:
+        i += 1
     low, high = c[speeds + i], c[speeds + i + 1]
     return c[drags + i] + (c[drags + i + 1] - c[drags + i]) * (speed - low) / (high - low)
 

@@ -94,13 +94,10 @@ def _latitude_deg(across_m: float, z_m: float) -> float:
     """Geodetic latitude [°] of a point `across_m` from the axis and `z_m` above the equator, by fixed-point steps."""
     # p = across_m; the first one is exact on the ellipsoid
     lat = math.atan2(z_m, across_m * (1 - _E2))
-    for _ in range(20):
+    for _ in range(8):
         radius = SEMI_MAJOR_M / math.sqrt(1 - _E2 * math.sin(lat) ** 2)
         # tan φ = (z + e² N sin φ) / p: converges by a factor of e² each step, at any latitude
-        new = math.atan2(z_m + _E2 * radius * math.sin(lat), across_m)
-        if abs(new - lat) < 1e-15:
-            break
-        lat = new
+        lat = math.atan2(z_m + _E2 * radius * math.sin(lat), across_m)
     return math.degrees(lat)
 
 

@@ -171,18 +171,13 @@ def approach_slopes(autopilot: Autopilot) -> list[float]:
     return [flat, math.inf] if autopilot.kind is None else [math.inf]
 
 
-def behind_mps(course: float, wind_mps: Point) -> float:
-    """The wind from behind on a course [rad]; 0 where it comes from ahead, or is less than `BEHIND_MPS`."""
-    along_mps = wind_mps[0] * math.cos(course) + wind_mps[1] * math.sin(course)
-    return along_mps if along_mps >= BEHIND_MPS else 0.0
-
-
 def behind_warning(course: float, wind_mps: Point) -> list[Fault]:
-    """The warning of a landing with the wind behind."""
-    if not (behind := behind_mps(course, wind_mps)):
+    """The warning of a landing on a course [rad] with `BEHIND_MPS` of wind behind, or more."""
+    behind_mps = wind_mps[0] * math.cos(course) + wind_mps[1] * math.sin(course)
+    if behind_mps < BEHIND_MPS:
         return []
     into = compass_deg(math.atan2(-wind_mps[1], -wind_mps[0]))
-    message = f"lands with {behind:.1f} m/s of wind behind: the aircraft touches down faster, and farther on"
+    message = f"lands with {behind_mps:.1f} m/s of wind behind: the aircraft touches down faster, and farther on"
     return [Fault("--landing", 1, 1, message, f"a heading near {into:.0f}°, into the wind", severity="warning")]
 
 

@@ -83,7 +83,7 @@ class LegTable:
         self.stages: list[Stage] = []
         self.parameters: list[Vector] = []
         no_sets = (Box(0.0, 0.0),) * len(plan.names)
-        self._sets = [[(box.lo, box.hi - box.lo) for box in own or no_sets] for own in plan.quality_sets]
+        self._sets = [own or no_sets for own in plan.quality_sets]
         self._nodes: list[Nodes] = []
         none, nothing = np.zeros(0), np.zeros((0, len(plan.names)))
         zero = np.zeros(1, dtype=np.intp)
@@ -122,10 +122,8 @@ class LegTable:
 
     def _shares(self, stage: Stage, parameters: Vector) -> list[float]:
         """The share of its set that each parameter has."""
-        return [
-            min(max((value - low) / width, 0.0), 1.0) if width > 0 else 0.0
-            for (low, width), value in zip(self._sets[stage.index - 1], parameters, strict=True)
-        ]
+        sets = self._sets[stage.index - 1]
+        return [box.share(value) or 0.0 for box, value in zip(sets, parameters, strict=True)]
 
 
 def _course_rad(nodes: Nodes, at: int) -> float:
