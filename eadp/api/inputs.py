@@ -25,7 +25,6 @@ from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_doc
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
-from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import Computing, join_profile, load_configuration, may_compute
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
@@ -347,8 +346,7 @@ def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:
     refuse([scenario.fault("vehicle.airframe", fault, "an aeroplane that can fly so") for fault in vehicle.faults()])
     if wind_mps >= vehicle.airspeed_mps:
         message = f"a wind of {wind_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
-        key = "wind.profile" if scenario.keys.wind.profile else "wind.speed_mps"
-        raise InputError(scenario.fault(key, message, "a wind below the airspeed"))
+        raise InputError(scenario.fault("wind", message, "a wind below the airspeed"))
     if not vehicle.takes_commands:
         return
     checked = {stage.airspeed_mps: stage for stage in reversed(plan.stages) if stage.airspeed_mps is not None}
@@ -366,11 +364,8 @@ def _check_battery(scenario: Scenario, computing_w: float) -> None:
     """The battery can deliver the power of level flight and of the computations [W]."""
     battery, power_w = scenario.keys.battery, scenario.keys.vehicle.airframe.cruise_power_w + computing_w
     if power_w > battery.max_power_w(battery.voltage_v):
-        key = {CURRENT: "max_c_rate", CUT_OFF: "cutoff_voltage_v"}.get(
-            battery.limit_at(battery.voltage_v), "resistance_ohm"
-        )
         message = f"level flight: {battery.undeliverable(power_w, 1.0)}"
-        raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
+        raise InputError(scenario.fault("battery", message, "a battery that can"))
 
 
 def _nominal_s(plan: Plan, parameters: Vector, scenario: Scenario, start: Point) -> tuple[float, list[Overshoot]]:
@@ -515,8 +510,7 @@ def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> Ta
             raise ValueError
     except (ArithmeticError, ValueError):
         message = f"the path of stage 1 has no value at the start ({start[0]:g}, {start[1]:g})"
-        key = "position_m" if scenario.keys.start.lat_deg is None else "lat_deg"
-        raise InputError(scenario.fault(f"start.{key}", message, "a start from which it can be joined")) from None
+        raise InputError(scenario.fault("start", message, "a start from which it can be joined")) from None
     if heading is None:
         phi, gx, gy = jet[:3]
         dx = -stage.sense * gy - stage.gain * phi * gx

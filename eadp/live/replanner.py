@@ -23,6 +23,7 @@ from eadp.io.text.streams import Text, output_file, write_text
 from eadp.live.flight import UNDECIDED, Advice, LiveFlight
 from eadp.live.gate import Notice, OutlierGate
 from eadp.live.telemetry import KEYS, Reading, TelemetryReader, decision_line, json_line, numbered_lines, open_telemetry
+from eadp.models.battery import misfit
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.stage import Parameter
 from eadp.models.world import Mission
@@ -373,10 +374,12 @@ class Replanner:
 
     def _misfit(self, sample: Sample) -> str:
         """Whether the voltage is above or below that of the charge; empty where it fits, or is not known."""
-        volts, watts, soc = sample.voltage_v, sample.power_w, sample.soc
-        if not volts or soc is None:
+        volts, soc, battery = sample.voltage_v, sample.soc, self._mission.battery
+        if not volts or soc is None or battery.voltage_empty_v is None or battery.prescribed:
             return ""
-        return self._mission.battery.misfit(soc, volts, (watts or 0.0) / volts)
+        drop_v = battery.resistance_ohm * max((sample.power_w or 0.0) / volts, 0.0)
+        off_v = volts + drop_v - float(battery.voltage_at(soc))
+        return misfit(off_v, battery.voltage_v - battery.voltage_empty_v, drop_v)
 
     def _update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Update the gate and the flight with a sample; return advice, at the sample's own time, and notices."""

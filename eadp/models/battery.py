@@ -173,13 +173,6 @@ class Battery:
         inside = (place > 0.0) & (place < 1.0) & bool(curve)
         return np.where(inside, np.interp(place, curve or (0, 1), np.linspace(0.0, 1.0, len(curve) or 2)), place)
 
-    def misfit(self, soc: float, voltage_v: float, current_a: float) -> str:
-        """What a voltage under a current shows beside a state of charge: `above` or `below` that of it, or nothing."""
-        if self.voltage_empty_v is None or self.prescribed:
-            return ""
-        drop_v = self.resistance_ohm * max(current_a, 0.0)
-        return misfit(voltage_v + drop_v - float(self.voltage_at(soc)), self.voltage_v - self.voltage_empty_v, drop_v)
-
     def energy_wh(self, soc: float) -> float:
         """b Q_c V [Wh] at a state of charge b. Source: letter, Def. III.3."""
         return soc * self.capacity_ah * float(self.voltage_at(soc))
