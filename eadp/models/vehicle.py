@@ -12,14 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from eadp.core.arrays import Altitude, Efficiency, NotNegative, Watts
-from eadp.core.guidance import (
-    GRAVITY_MPS2,
-    SEA_LEVEL_KGPM3,
-    drag_n,
-    induced_drag_factor,
-    load_factor,
-    turn_radius_m,
-)
+from eadp.core.guidance import GRAVITY_MPS2, SEA_LEVEL_KGPM3, drag_n, induced_drag_factor, load_factor, turn_radius_m
 from eadp.errors import EadpError
 from eadp.plug_ins import plug_in
 

@@ -25,18 +25,7 @@ from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
 from eadp.planning.registry import PlannedFlight
 from eadp.simulation.aircraft import AIRSPEED, ALTITUDE, HEADING, X, Y, constants_of, state_of
-from eadp.simulation.inner_loop import (
-    DISTANCE,
-    EMPTY,
-    ENERGY,
-    LOST,
-    MAX_POWER,
-    MIN_POWER,
-    POWER,
-    SAGS,
-    SOC,
-    InnerLoop,
-)
+from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LOST, MAX_POWER, MIN_POWER, POWER, SAGS, SOC, InnerLoop
 from eadp.simulation.metrics import ParameterLog, SensorSuite
 
 COMPLETED = "final point reached"

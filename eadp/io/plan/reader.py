@@ -19,16 +19,7 @@ from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, differen
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M
 from eadp.errors import ExpressionError, Fault, PathUndefined, printable, refuse
-from eadp.io.plan.headers import (
-    HEADERS,
-    HELD,
-    RADIUS,
-    REPEATED,
-    STAGE_HEADERS,
-    named_unit,
-    read_box,
-    read_number,
-)
+from eadp.io.plan.headers import HEADERS, HELD, RADIUS, REPEATED, STAGE_HEADERS, named_unit, read_box, read_number
 from eadp.io.plan.writer import parameters_of, point_text
 from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace, Field

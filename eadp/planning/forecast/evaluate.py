@@ -25,13 +25,7 @@ from eadp.models.plan.route import Route, RouteArrays, leg_times_s
 from eadp.models.plan.stage import Leg, Stage, left_m
 from eadp.models.world import Mission
 from eadp.planning.base import Ending, PlannerSettings, TradeOff
-from eadp.planning.forecast.battery_limits import (
-    LOSS_SQUARE,
-    MIN_STD,
-    PowerLimits,
-    RouteLoad,
-    power_limits,
-)
+from eadp.planning.forecast.battery_limits import LOSS_SQUARE, MIN_STD, PowerLimits, RouteLoad, power_limits
 from eadp.planning.forecast.clearance import Homeward, after_leg, homeward, with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
