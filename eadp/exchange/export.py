@@ -11,12 +11,7 @@ from typing import Annotated, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
-from eadp.core.geometry.geodesy import (
-    FARTHEST_M,
-    place_text,
-    to_geodetic_deg,
-    to_near_local_m,
-)
+from eadp.core.geometry.geodesy import FARTHEST_M, place_text, to_geodetic_deg, to_near_local_m
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
 from eadp.exchange.autopilot import (
     ENDS_REQUIRED,

@@ -23,14 +23,7 @@ from eadp.io.text.streams import output_file, read_text, write_text
 from eadp.plug_ins import plug_in
 from eadp.sweep.engines import Result
 from eadp.sweep.page import write_page
-from eadp.sweep.results import (
-    COLUMNS,
-    Results,
-    SweepFlight,
-    completed_interval,
-    distinct,
-    label_of,
-)
+from eadp.sweep.results import COLUMNS, Results, SweepFlight, completed_interval, distinct, label_of
 from eadp.sweep.run import missing_runs
 from eadp.sweep.sweep_file import Sweep, read_sweep
 

@@ -14,15 +14,7 @@ from eadp.errors import printable
 from eadp.io.text.json import significant
 from eadp.io.text.streams import write_text
 from eadp.plug_ins import plug_in
-from eadp.sweep.results import (
-    COLUMNS,
-    Results,
-    SweepFlight,
-    completed_interval,
-    distinct,
-    label_of,
-    wilson_interval,
-)
+from eadp.sweep.results import COLUMNS, Results, SweepFlight, completed_interval, distinct, label_of, wilson_interval
 
 MAX_RUNS = 20_000
 MAX_BYTES = 2_500_000

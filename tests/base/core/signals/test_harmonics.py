@@ -8,12 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from eadp.core.signals import (
-    coefficients_of_state,
-    output_row,
-    signal_w,
-    state_of_phases,
-)
+from eadp.core.signals import coefficients_of_state, output_row, signal_w, state_of_phases
 
 EXACT = 1e-9  # of Lemma III.1, in watts on a signal of some 30 W
 
