@@ -159,13 +159,7 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
 
     Neither path nor motion power depend on the computations, so that the charge of every c2 follows from one flight.
     """
-    base = {
-        **case.keys,
-        "planner.name": "static",
-        "faults": [],
-        "battery.capacity_ah": 1000.0,
-        "log_every_s": SAMPLE_S,
-    }
+    base = {**case.keys, "planner.name": "static", "faults": [], "battery.capacity_ah": 1000.0, "log_every_s": SAMPLE_S}
     inputs = load(plan, base)
     box, levels_box = inputs.mission.plan.hull(0), inputs.mission.plan.hull(1)
     levels = inputs.mission.computing.levels(0, levels_box)

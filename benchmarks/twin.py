@@ -52,18 +52,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
 
 from measured import covered, line, options, recorded, rms, table  # noqa: E402
-from plant import (  # noqa: E402
-    AIRSPEED_MPS,
-    CONTROL_S,
-    SAMPLE_S,
-    Aeroplane,
-    Dryden,
-    Lipo,
-    PlanFlight,
-    Sample,
-    battery_w,
-    sampled,
-)
+from plant import AIRSPEED_MPS, CONTROL_S, SAMPLE_S, Aeroplane, Dryden, Lipo, PlanFlight, Sample, battery_w, sampled  # noqa: E402
 
 from eadp import read_plan  # noqa: E402
 from eadp.api.inputs import Files, load_flight  # noqa: E402

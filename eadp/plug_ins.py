@@ -58,10 +58,7 @@ OWN: dict[str, dict[str, str]] = {
     "plan_changes": {"avoid": "eadp.survey.field_reader:avoid", "inside": "eadp.survey.field_reader:inside"},
     "grounds": {"files": "eadp.survey.terrain:ground_of"},
     "fences": {"mission": "eadp.exchange.reader:mission_fences"},
-    "plan_writers": {
-        "sympy": "eadp.check.proof:sympy_text",
-        "latex": "eadp.check.proof:latex_text",
-    },
+    "plan_writers": {"sympy": "eadp.check.proof:sympy_text", "latex": "eadp.check.proof:latex_text"},
     "log_tables": {"autopilot": "eadp.measure.autopilot_logs:read_tables"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.recorded:flown_track"},
@@ -75,10 +72,7 @@ OWN: dict[str, dict[str, str]] = {
         "check": "eadp.report.page:check_page",
         "html": "eadp.report.page:page_html",
     },
-    "pages": {
-        "flight": "eadp.report.report:FOLDER",
-        "sweep": "eadp.sweep.page:PAGE",
-    },
+    "pages": {"flight": "eadp.report.report:FOLDER", "sweep": "eadp.sweep.page:PAGE"},
     "results": {"flight": "eadp.report.report:read_folder"},
     "charts": {"periodogram": "eadp.measure.figures:draw_periodogram"},
     "planners": {

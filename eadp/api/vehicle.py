@@ -32,11 +32,7 @@ def read_profile(file: File, *, warn: Warn = python_warnings) -> Profile:
 
 
 def vehicle(
-    file: File,
-    winds_mps: Sequence[float] = (0.0, 5.0, 8.0),
-    *,
-    computing_w: float = 0.0,
-    reserve_soc: float = 0.05,
+    file: File, winds_mps: Sequence[float] = (0.0, 5.0, 8.0), *, computing_w: float = 0.0, reserve_soc: float = 0.05
 ) -> tuple[VehicleFile, Performance]:
     """What an aircraft can do: stall, best speeds, level power, turning radius, endurance and range in wind.
 

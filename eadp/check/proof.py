@@ -270,11 +270,7 @@ def _stage(texts: Sequence[str], names: Sequence[str]) -> SymbolicStage:
     return SymbolicStage.of(path, (x, y))
 
 
-QUESTIONS: Mapping[str, Callable[..., Any]] = {
-    "remainder": remainder,
-    "same_direction": same_direction,
-    "lines": lines,
-}
+QUESTIONS: Mapping[str, Callable[..., Any]] = {"remainder": remainder, "same_direction": same_direction, "lines": lines}
 
 
 def texts_of(path: Expression, trigger: tuple[Expression, Expression]) -> list[str]:

@@ -50,12 +50,7 @@ FENCE_VERSION = RALLY_VERSION = 2
 GEO_FENCE, FENCE_KEYS = "geoFence", ("polygons", "circles", "breachReturn", "version")
 FIXED_WING, VTOL = 1, frozenset((19, 20, 21, 22, 23, 24, 25))
 """MAVLink's types of aircraft that fly on wings."""
-VERSIONS = {
-    "survey": (4, 5),
-    "CorridorScan": (2,),
-    "fwLandingPattern": (1, 2),
-    "vtolLandingPattern": (1,),
-}
+VERSIONS = {"survey": (4, 5), "CorridorScan": (2,), "fwLandingPattern": (1, 2), "vtolLandingPattern": (1,)}
 """The versions of each complex item."""
 LANDINGS = {"fwLandingPattern": LAND, "vtolLandingPattern": VTOL_LAND}
 ABOVE_HOME, CALCULATED, ABOVE_TERRAIN = 1, 3, 4

@@ -498,9 +498,7 @@ def value_text(value: Any) -> str:
 
 
 def override_texts(
-    given: Mapping[str, Any] | Iterable[str],
-    planner: str | None = None,
-    seed: int | None = None,
+    given: Mapping[str, Any] | Iterable[str], planner: str | None = None, seed: int | None = None
 ) -> list[str]:
     """Overrides as key=value, of a mapping or as they are given; a planner and a seed are more of them.
 

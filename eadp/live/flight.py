@@ -137,10 +137,7 @@ class LiveFlight:
     """
 
     def __init__(
-        self,
-        mission: Mission,
-        make: Callable[[Mission], tuple[PlannedFlight, HeldForecast]],
-        every_s: float,
+        self, mission: Mission, make: Callable[[Mission], tuple[PlannedFlight, HeldForecast]], every_s: float
     ) -> None:
         self._mission, self._make = mission, make
         self._schedule = _Schedule(every_s)
@@ -422,11 +419,7 @@ class LiveFlight:
             STAGE_UNKNOWN: self._tracker.stage_unknown,
             NOT_APPLIED: bool(self._tracker.applied.held),
         }
-        return (
-            *sample.warnings,
-            *(code for code, holds in applies.items() if holds),
-            *self._flight.state.warnings,
-        )
+        return (*sample.warnings, *(code for code, holds in applies.items() if holds), *self._flight.state.warnings)
 
 
 def _altitude_m(mission: Mission, stage: Stage) -> float:

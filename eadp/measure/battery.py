@@ -396,11 +396,7 @@ def fit_capacity(
 
 
 def fit_battery(
-    readings: BatteryReadings,
-    capacity_ah: float,
-    *,
-    k_b_per_s: float = 1 / 3600,
-    soc: float = 1.0,
+    readings: BatteryReadings, capacity_ah: float, *, k_b_per_s: float = 1 / 3600, soc: float = 1.0
 ) -> BatteryFit:
     """Fit a Rint battery to a log.
 

@@ -49,11 +49,7 @@ class EnergyFit:
 
 
 def fit_power(
-    times_s: ArrayLike,
-    power_w: ArrayLike,
-    period_prior_s: float | None = None,
-    *,
-    order: int | None = None,
+    times_s: ArrayLike, power_w: ArrayLike, period_prior_s: float | None = None, *, order: int | None = None
 ) -> EnergyFit:
     """Fit the energy model of a power log: its period, mean, harmonics and noise.
 

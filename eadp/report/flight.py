@@ -121,10 +121,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "lap": changes(times, flown.laps),
         **_series(columns),
         "horizons": _horizons(flight.estimates),
-        "wind": {
-            "rows": _wind_rows(world.wind),
-            "gust_std_mps": world.wind.gust_std_mps,
-        },
+        "wind": {"rows": _wind_rows(world.wind), "gust_std_mps": world.wind.gust_std_mps},
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
         "field": _field(plan),
         "airspace": {

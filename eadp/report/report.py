@@ -93,10 +93,7 @@ class ReportOptions:
 
 
 def command(
-    result: Annotated[
-        str,
-        Argument(metavar="RESULT", help="Folder of eadp simulate, or results of eadp sweep."),
-    ],
+    result: Annotated[str, Argument(metavar="RESULT", help="Folder of eadp simulate, or results of eadp sweep.")],
     options: ReportOptions,
 ) -> int:
     """Example: eadp report runs/survey

@@ -355,12 +355,7 @@ class _Frame(NamedTuple):
 
 
 def read_airspace(
-    avoid: Text | None,
-    inside: Text | None,
-    origin_deg: Point | None,
-    middle_m: Point,
-    *,
-    metres: bool = False,
+    avoid: Text | None, inside: Text | None, origin_deg: Point | None, middle_m: Point, *, metres: bool = False
 ) -> tuple[Airspace, list[Fault]]:
     """Read obstacles and a boundary, each from a file of its own, in the metres round an origin; with notes.
 
@@ -426,13 +421,7 @@ def _zones(source: Text, *, within: bool, metres: bool) -> tuple[Features, list[
 
 
 def _obstacles(
-    features: Sequence[Feature],
-    frame: _Frame,
-    degrees: bool,
-    source: Text,
-    notes: list[str],
-    *,
-    inside: bool = False,
+    features: Sequence[Feature], frame: _Frame, degrees: bool, source: Text, notes: list[str], *, inside: bool = False
 ) -> tuple[Obstacle, ...]:
     """Obstacles, or a boundary, in the metres of a field, checked; what is far away is left out, with notes.
 

@@ -28,11 +28,7 @@ STEP_M = 3.0
 
 
 def write_coverage_figure(
-    path: str,
-    field: Field,
-    ways: Mapping[str, CoveragePath],
-    swath_m: float,
-    left: Sequence[LeftGround] = (),
+    path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float, left: Sequence[LeftGround] = ()
 ) -> None:
     """Draw a field and coverage paths side by side under their titles: ground covered and left, lines, turns.
 

@@ -258,10 +258,7 @@ def with_circles(
 
 
 def climbed_first(
-    solution: CoverageSolution,
-    motion: MotionLimits,
-    space: FreeSpace | None,
-    lack: Callable[[CoverageSolution], Lack],
+    solution: CoverageSolution, motion: MotionLimits, space: FreeSpace | None, lack: Callable[[CoverageSolution], Lack]
 ) -> CoverageSolution:
     """A path whose lines are photographed at their altitude: with circles before the first, or with the camera off.
 
@@ -584,12 +581,7 @@ def _seconds(samples: Samples, motion: MotionLimits) -> FloatArray:
 
 
 def _climbed_m(
-    start_m: float,
-    samples: Samples,
-    seconds: FloatArray,
-    below_m: FloatArray,
-    ground: Ground,
-    climbing: Climbing,
+    start_m: float, samples: Samples, seconds: FloatArray, below_m: FloatArray, ground: Ground, climbing: Climbing
 ) -> FloatArray:
     """The highest altitudes that a climb from the start reaches, shape (n,) [m]; Infeasible below the ground `below_m`.
 

@@ -105,10 +105,7 @@ class LeftGround(NamedTuple):
 
 
 def left_ground(
-    parts: Sequence[Sequence[Ring]],
-    lines: Sequence[Sequence[Point]],
-    swath_m: float,
-    width_share: float = WIDTH_SHARE,
+    parts: Sequence[Sequence[Ring]], lines: Sequence[Sequence[Point]], swath_m: float, width_share: float = WIDTH_SHARE
 ) -> list[LeftGround]:
     """The places of a field that lines leave uncovered, the largest first.
 

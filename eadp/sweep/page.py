@@ -138,11 +138,7 @@ SHOWN = 3
 
 
 def sweep_words(
-    count: int,
-    completed: int,
-    reasons: Mapping[str, int],
-    errors: Mapping[str, int],
-    flights: Sequence[SweepFlight],
+    count: int, completed: int, reasons: Mapping[str, int], errors: Mapping[str, int], flights: Sequence[SweepFlight]
 ) -> list[str]:
     """Sentences on a sweep: counts over all runs."""
     made, broken = count - sum(errors.values()), sum(errors.values())

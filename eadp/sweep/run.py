@@ -96,11 +96,7 @@ class FlyRun:
 
 @contextmanager
 def missing_runs(
-    sweep: Sweep,
-    results: Results,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    keep: str | None = None,
+    sweep: Sweep, results: Results, jobs: int | None = None, scheduler: str | None = None, keep: str | None = None
 ) -> Iterator[tuple[int, int, Iterator[tuple[Run, Result]]]]:
     """The number of the runs that are not made yet, that of workers, and an iterator that makes them as it goes.
 

@@ -84,11 +84,7 @@ def test_a_flight_without_a_period_has_its_figures(tmp_path, monkeypatch, overri
 
 @pytest.mark.parametrize(
     ("headers", "sets", "panels"),
-    [
-        ("", "", []),
-        ("%: altitude 60\n", "", ["Altitude"]),
-        ("%: altitude 60\n", "[0, 1]\n", ["Altitude", "c1"]),
-    ],
+    [("", "", []), ("%: altitude 60\n", "", ["Altitude"]), ("%: altitude 60\n", "[0, 1]\n", ["Altitude", "c1"])],
 )
 def test_altitudes_that_stages_command_are_drawn(tmp_path, monkeypatch, headers, sets, panels):
     figure, plan = Figure(), tmp_path / "a.plan"
