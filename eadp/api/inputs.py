@@ -25,6 +25,7 @@ from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_doc
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
+from eadp.models.battery import CURRENT, CUT_OFF, DELIVERABLE
 from eadp.models.computing import Computing, join_profile, load_configuration, may_compute
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
@@ -364,8 +365,10 @@ def _check_battery(scenario: Scenario, computing_w: float) -> None:
     """The battery can deliver the power of level flight and of the computations [W]."""
     battery, power_w = scenario.keys.battery, scenario.keys.vehicle.airframe.cruise_power_w + computing_w
     if power_w > battery.max_power_w(battery.voltage_v):
+        keys = {CURRENT: "max_c_rate", CUT_OFF: "cutoff_voltage_v", DELIVERABLE: "resistance_ohm"}
         message = f"level flight: {battery.undeliverable(power_w, 1.0)}"
-        raise InputError(scenario.fault("battery", message, "a battery that can"))
+        key = f"battery.{keys[battery.limit_at(battery.voltage_v)]}"
+        raise InputError(scenario.fault(key, message, "a battery that can"))
 
 
 def _nominal_s(plan: Plan, parameters: Vector, scenario: Scenario, start: Point) -> tuple[float, list[Overshoot]]:

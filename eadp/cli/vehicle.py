@@ -139,8 +139,7 @@ def _speeds(found: Performance) -> list[str]:
     """Energy a kilometre by airspeed and wind, for the airspeeds that may be decided."""
     if not any(each.speeds for each in found.winds):
         return []
-    head = ["out and back [Wh/km]", *(f"{one.airspeed_mps:g} m/s" for one in found.winds[0].speeds)]
-    rows = [head]
+    rows = [["out and back [Wh/km]", *(f"{one.airspeed_mps:g} m/s" for one in found.winds[0].speeds)]]
     for each in found.winds:
         energies = (f"{one.wh_per_km:.2f}" if math.isfinite(one.wh_per_km) else "-" for one in each.speeds)
         rows.append([f"in {each.wind_mps:g} m/s", *energies])

@@ -447,11 +447,10 @@ class _Reader:
     def _check_set_counts(self) -> None:
         first = len(self._drafts[0].sets)
         for index, draft in enumerate(self._drafts, 1):
-            if len(draft.sets) == first:
-                continue
-            place = draft.set_lines[-1] if draft.set_lines else draft.line
-            message = f"stage {index} has {len(draft.sets)} sets where stage 1 has {first}"
-            self._fault(place, message, "the same number of sets in every stage")
+            if len(draft.sets) != first:
+                place = draft.set_lines[-1] if draft.set_lines else draft.line
+                message = f"stage {index} has {len(draft.sets)} sets where stage 1 has {first}"
+                self._fault(place, message, "the same number of sets in every stage")
 
     def _check_sections(self) -> None:
         for group, drafts in self._group_drafts():
