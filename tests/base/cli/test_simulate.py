@@ -141,16 +141,6 @@ def test_a_missing_osqp_is_bad_input_not_a_bug(eadp, monkeypatch, tmp_path, plan
     assert refused(replanned, "eadp: error: osqp cannot be imported")
 
 
-def test_a_plan_on_standard_input(eadp, monkeypatch):
-    import io
-
-    class Stdin:
-        buffer = io.BytesIO(LINE.encode())
-
-    monkeypatch.setattr("sys.stdin", Stdin())
-    assert eadp("simulate", "-").code == 0
-
-
 # --- what is refused
 
 BAD_SETS = [

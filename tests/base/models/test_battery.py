@@ -48,10 +48,6 @@ def test_cells_have_the_voltage_of_their_chemistry():
     assert all(volts[-1] > volts[0] for volts in CELL_V.values())
 
 
-def test_a_chemistry_needs_cells():
-    assert Battery(chemistry="lipo").faults() == [("chemistry", "chemistry without cells")]
-
-
 @given(st.floats(0.2, 1), st.floats(0, 0.9))
 def test_endurance_down_to_a_reserve(power_c, reserve):
     battery = Battery(voltage_v=10.0, resistance_ohm=0.0, capacity_ah=1.0)
@@ -108,9 +104,7 @@ def test_the_limit_that_is_the_largest_power_is_named(keys, limit, max_w):
     assert battery.undeliverable(2000.0, 1.0) == said
 
 
-def test_the_letters_limit_shrinks_with_the_charge_and_is_off_by_default():
-    lettered = Battery(capacity_ah=2.0, letter_crate_per_h=10.0)
-    assert lettered.power_limit_w(0.5) == pytest.approx(0.5 * 2.0 * 14.8 * 10.0)
+def test_the_letters_limit_is_off_by_default():
     assert Battery(capacity_ah=2.0).power_limit_w(0.5) == pytest.approx(14.8**2 / 0.2)
     assert Battery(resistance_ohm=0.0).power_limit_w(0.5) == Battery().power_per_soc_w == math.inf
 

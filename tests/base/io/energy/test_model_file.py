@@ -51,27 +51,6 @@ def test_what_is_written_is_read_back(model: EnergyModel) -> None:
     assert parse(json.dumps(energy_document(model))) == model, "JSON is YAML"
 
 
-def test_text_of_a_model() -> None:
-    assert energy_yaml(MODEL).splitlines() == [
-        "schema: eadp.energy/1",
-        "periodic: true",
-        "period_s: 46.05",
-        "period_std_s: 0.01",
-        "order: 2",
-        "mean_w: 36.4",
-        "mean_std_w: 0.03",
-        "harmonics:",
-        "  - {amplitude_w: 2.1, phase_rad: 0.8}",
-        "  - {amplitude_w: 1e-09, phase_rad: -3.0}",
-        "amplitude_std_w: [0.04, 0.05]",
-        f"coefficients: {{a: {list(MODEL.coefficients.a)}, b: {list(MODEL.coefficients.b)}}}",
-        "noise_std_w: 0.5",
-        "cv_r2: 0.93",
-        "samples: 2303",
-        "span_s: 230.2",
-    ]
-
-
 def test_what_can_be_derived_may_be_left_out() -> None:
     assert parse(MINIMAL) == EnergyModel(46, 36.4)
     with_harmonic = MINIMAL.replace("[]", "[{amplitude_w: 2, phase_rad: 0}]")

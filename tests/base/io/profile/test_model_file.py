@@ -44,12 +44,6 @@ def points_of(profile: Profile) -> dict[tuple[float, ...], float]:
 # measurements
 
 
-def test_header_with_names_and_power_in_watts() -> None:
-    profile = parse("fps,power_w\n4,6.94212\n2,5.21438\n")
-    assert (profile.names, profile.units, profile.interpolation) == (("fps",), ("",), "linear")
-    assert points_of(profile) == {(2,): 5.21438, (4,): 6.94212}
-
-
 @pytest.mark.parametrize(
     "header", ["fps [1/s],power [mW]", "fps [1/s],power_mw", "fps (1/s) , Power (mW)", '"fps [1/s]","power_mW"']
 )

@@ -101,16 +101,6 @@ empty:
 """
 
 
-def test_a_document():
-    document = read(SCENARIO)
-    assert document.value == {
-        "schema": "eadp.scenario/1",
-        "wind": {"speed_mps": 5, "towards_deg": 90},
-        "faults": [{"at_s": 93, "soc_drop": 0.06}, {"at_s": 270, "soc_drop": 0.09}],
-        "empty": None,
-    }
-
-
 @pytest.mark.parametrize(
     ("path", "place"),
     [
