@@ -52,6 +52,8 @@ def test_every_key_has_a_sentence_and_its_unit(schema):
 REFUSED = [
     {"wind": {"from_deg": 270, "towards_deg": 90}},
     {"wind": {"speed_mps": 3, "profile": [[0, 4, 270]]}},
+    {"battery": {"cells": 4, "voltage_v": 16}},
+    {"battery": {"chemistry": "lipo"}},
     {"parameters": {"1c": 3}},
     {"bounds": {"c 1": [0, 1]}},
 ]
