@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 import shutil
 
 import numpy as np
@@ -48,6 +49,11 @@ def decisions(folder):
 def test_the_page_is_whole_and_small(folder, page):
     page.check()
     assert (folder / "report.html").stat().st_size < MAX_BYTES
+
+
+def test_what_the_page_asks_of_a_decision_is_a_key_of_it(decisions):
+    script = (ROOT / "eadp/report/assets/flight.js").read_text(encoding="utf-8")
+    assert {*re.findall(r'decided\("(\w+)"', script)} <= {*decisions[0]}
 
 
 def test_the_series_are_those_of_the_log(page, log):

@@ -505,14 +505,12 @@ function showDecision() {
     ["completes", decided("completes_probability", i) === null ? null : `with ${percent(decided("completes_probability", i))}`, data.completed === null ? "–" : data.completed ? "yes" : `no: ${end.reason}`],
     ["keeps the reserve", decided("reserve_probability", i) === null ? null : `with ${percent(decided("reserve_probability", i))}`, data.reserve_kept === null ? "–" : data.reserve_kept ? "yes" : "no"],
     ["quality of the flight", decided("quality_forecast", i) === null ? null : number(decided("quality_forecast", i)), number(end.quality)],
-    ["energy above the reserve", spread(decided("available_wh", i), null, "Wh"), "–"],
     ["wind", decided("wind_mps", i) ? windText(decided("wind_mps", i)) : null, data.wind ? `${windText(blowing(decisionTimes[i]))}${data.wind.gust_std_mps ? `, gusts of ${number(data.wind.gust_std_mps)} m/s` : ""}` : "–"],
     ["home can be reached", decided("home_reachable", i) === null ? null : decided("home_reachable", i) ? "yes" : "no", "–"],
   ].filter(([, forecast]) => forecast !== null);
   const details = [decided("cause", i) && `Cause: ${decided("cause", i)}`, decided("status", i) && `status: ${decided("status", i)}`].filter(Boolean);
-  if (decided("calls", i)) details.push(`${decided("calls", i)} runs of the solver, ${decided("iterations", i)} iterations`);
+  if (decided("calls", i)) details.push(`${decided("calls", i)} runs of the solver`);
   if (decided("battery_limit", i)) details.push(`limit that binds: ${decided("battery_limit", i)}`);
-  if (decided("warnings", i) && decided("warnings", i).length) details.push(`warnings: ${decided("warnings", i).join(", ")}`);
   box.replaceChildren(
     el("strong", {}, `At ${clockText(t)}, stage ${decided("stage", i)}, lap ${decided("lap", i)}: ${decided("reason", i) || "no reason given"}`),
     el("span", {}, `${data.parameters.length ? `Decided: ${parametersText(decided("parameters", i))}. ` : ""}${details.join("; ")}${details.length ? "." : ""}`),
