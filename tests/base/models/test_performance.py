@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eadp.models.battery import Battery
-from eadp.models.performance import performance
+from eadp.models.performance import ground_radius_m, performance
 from eadp.models.vehicle import FixedWing
 
 # a glider with ½ρS = 0.5, W = 9.80665 N: its best speeds lie far above the stall
@@ -32,6 +32,12 @@ def test_best_speeds_are_the_textbooks():
     least_w = W * POWER_MPS * 4 * C_D0 / math.sqrt(3 * C_D0 / K) / 0.5
     assert found.endurance_w == pytest.approx(least_w, rel=1e-9)
     assert found.range_mps / found.endurance_mps == pytest.approx(3**0.25, rel=1e-6)
+
+
+def test_a_circle_over_the_ground_is_as_tight_as_the_bank_allows_with_the_wind_behind():
+    # W tan φ turns the mass: v²/r = g tan φ, with v over the ground
+    radius_m = (9.0 + 4.0) ** 2 / (W * math.tan(math.radians(40)))
+    assert ground_radius_m(WING, 9.0, 4.0) == pytest.approx(radius_m, rel=1e-4)
 
 
 def test_stall_turn_and_motor():
