@@ -134,13 +134,14 @@ def with_sheet(document: Document, vehicle: Any, at: Path = ()) -> Any:
     return {**keys, "data_sheet": stated, "airframe": airframe}
 
 
+WIND_KEYS = "speed_mps", "from_deg", "towards_deg"
 BESIDE: dict[str, tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]] = {
     "battery": ((("voltage_v", "voltage_empty_v"), ("cells", "chemistry")),),
-    "wind": ((("towards_deg",), ("from_deg",)), (("speed_mps", "from_deg", "towards_deg"), ("profile",))),
+    "wind": ((("towards_deg",), ("from_deg",)), *(((key,), ("profile",)) for key in WIND_KEYS)),
     "start": ((("lat_deg", "lon_deg"), ("position_m",)),),
     "home": ((("lat_deg", "lon_deg"), ("position_m",)),),
 }
-"""By section of a vehicle or a scenario, what is given in one of two ways: the keys of both."""
+"""By section of a vehicle or a scenario, what is given in one of two ways: the keys of both, the one it needs first."""
 
 
 def given_twice(document: Document, value: Any, at: Path = ()) -> list[Fault]:
@@ -157,10 +158,10 @@ def given_twice(document: Document, value: Any, at: Path = ()) -> list[Fault]:
 
 
 def replaced(key: str) -> set[str]:
-    """The keys beside a dotted one whose place an override of it takes: those of the other way."""
+    """The keys whose place an override of a dotted one takes: where it is the first of its way, the other's."""
     *_, section, last = ("", *key.split("."))
     both = [ways for one, other in BESIDE.get(section, ()) for ways in ((one, other), (other, one))]
-    return {name for own, others in both if last in own for name in others}
+    return {name for own, others in both if last == own[0] for name in others}
 
 
 def battery_faults(document: Document, battery: Battery) -> list[Fault]:

@@ -164,6 +164,9 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     assert log.voltage_v is not None
     assert log.current_a is not None
     readings = BatteryReadings(log.times_s, log.voltage_v, log.current_a)
+    if len(readings.times_s) < MIN_SAMPLES:  # as a log of another package's format may have
+        message = f"{len(readings.times_s)} readings of voltage and current"
+        raise InputError.at(log.name, 1, 1, message, f"{MIN_SAMPLES} or more")
     soc, used_before = _charge_at_start(log.battery, readings, options)
     capacity = None
     try:
@@ -245,6 +248,8 @@ def _holds_ah(stated: Mapping[str, float], options: BatteryOptions) -> float:
     counted_ah = stated.get("used_ah", 0.0) + stated.get("counted_ah", 0.0)
     return math.inf if counted_ah > 1.05 * capacity_ah else capacity_ah
 
+
+MIN_SAMPLES = 20
 
 MIN_CHARGE_USED = 0.05
 """Smallest share of the capacity that must be used for a slope of the voltage to be fitted."""

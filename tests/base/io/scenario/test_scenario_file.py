@@ -96,6 +96,14 @@ def test_setting_one_direction_of_the_wind_removes_the_other(tmp_path):
     assert read_scenario(str(path), {"wind.towards_deg": 0}).keys.wind.steady_mps == pytest.approx((5, 0))
 
 
+def test_an_override_of_a_part_of_another_way_does_not_replace_what_is_given(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("schema: eadp.scenario/1\nbattery: {cells: 3}\n")
+    assert read_scenario(str(path), {"battery.voltage_v": 14.8}).keys.battery.cells is None
+    with pytest.raises(InputError, match=r"battery\.cells and battery\.voltage_empty_v are both given"):
+        read_scenario(str(path), {"battery.voltage_empty_v": 13})
+
+
 def test_a_flight_that_starts_with_heading_90_flies_east(tmp_path):
     plan = tmp_path / "east.plan"
     plan.write_text("0.1; 270; y\n400, 0\n")  # along y = 0, to a trigger in the east
