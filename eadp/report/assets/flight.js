@@ -509,7 +509,7 @@ function showDecision() {
     ["home can be reached", decided("home_reachable", i) === null ? null : decided("home_reachable", i) ? "yes" : "no", "–"],
   ].filter(([, forecast]) => forecast !== null);
   const details = [decided("cause", i) && `Cause: ${decided("cause", i)}`, decided("status", i) && `status: ${decided("status", i)}`].filter(Boolean);
-  if (decided("calls", i)) details.push(`${decided("calls", i)} runs of the solver`);
+  if (decided("calls", i)) details.push(`${decided("calls", i)} run${decided("calls", i) > 1 ? "s" : ""} of the solver`);
   if (decided("battery_limit", i)) details.push(`limit that binds: ${decided("battery_limit", i)}`);
   box.replaceChildren(
     el("strong", {}, `At ${clockText(t)}, stage ${decided("stage", i)}, lap ${decided("lap", i)}: ${decided("reason", i) || "no reason given"}`),
