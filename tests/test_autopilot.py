@@ -31,6 +31,7 @@ def test_a_take_off_is_not_what_the_plan_draws(autopilot, folder):
     assert float(lines.measured.split()[0]) < 19
 
 
+@pytest.mark.slow
 def test_a_flight_begins_with_its_mission_and_the_draw_of_its_take_off(autopilot, folder):
     rows = [*autopilot.starts(folder), *autopilot.drawn(folder)]
     assert all(row.met for row in rows), rows

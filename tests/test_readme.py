@@ -31,6 +31,7 @@ def test_there_is_a_block_for_each_of_the_four_commands():
     assert {"plan", "profile", "fit", "simulate"} <= shown
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("block", blocks(README), ids=first_words)
 def test_a_block_of_the_readme_shows_what_its_commands_print(block, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

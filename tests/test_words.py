@@ -64,6 +64,7 @@ def test_what_flights_print(eadp, started):
     assert inside_words(reasons) == []
 
 
+@pytest.mark.slow
 def test_what_the_planner_in_flight_says(eadp):
     given = "--scenario", "scenarios/survey.yaml", "--telemetry", "scenarios/example-telemetry.jsonl"
     seldom = "--set", "battery.capacity_ah=0.1", "--set", "planner.every_s=10"

@@ -180,6 +180,7 @@ def test_of_many_parameters_corners_are_sampled(count):
     assert "8.00 m" in message
 
 
+@pytest.mark.slow
 def test_findings_name_parameters_that_only_a_loop_variable_depends_on():
     text = PARTS.replace("10 + s + 114, top", "10 + s + 114 - c1/100, top")
     message = next(item.message for item in checked(text).findings if item.code == "trigger-off-path")

@@ -35,6 +35,7 @@ def test_the_appendix_as_corrected_is_proven():
     assert proofs == (*[StageProof("0", "0", True)] * 4, StageProof("0"))
 
 
+@pytest.mark.slow
 def test_the_misprints_come_out_as_formulas():
     found = plan(APPENDIX_PRINTED)
     report = check_plan(found, proofs=prove_plan(found))
@@ -53,6 +54,7 @@ def test_the_misprints_come_out_as_formulas():
     assert "where φ = 2*c1" in next(item.message for item in report.findings if item.stage == 1)
 
 
+@pytest.mark.slow
 def test_laps_are_proven_for_every_value_of_their_variables():
     proofs = prove_plan(plan(PARTS))
     assert [item.own for item in proofs] == ["0"] * 6
@@ -82,6 +84,7 @@ def test_the_direction_of_travel(directions, pair):
     assert directions[pair].direction is DIRECTIONS[pair][1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path", few(["75*cos(c1)*x + 75*sin(c1)*y - 5625", "(x^2 + y^2 - 5625)*exp(c1)", "sqrt(x^2 + y^2) - 75"], 1)
 )
@@ -89,6 +92,7 @@ def test_identities_that_need_more_than_multiplying_out(path):
     assert prove_plan(plan(line(path, "75*cos(c1)", "75*sin(c1)")))[0].own == "0"
 
 
+@pytest.mark.slow
 def test_a_proof_that_takes_too_long_is_given_up_and_the_next_one_made(monkeypatch):
     monkeypatch.setattr(proof, "ANSWER_LIMIT_S", 0.5)
     with AlgebraProcess() as process:
@@ -96,6 +100,7 @@ def test_a_proof_that_takes_too_long_is_given_up_and_the_next_one_made(monkeypat
         assert process.ask("remainder", "c1 - c1", []) == "0"
 
 
+@pytest.mark.slow
 def test_what_sympy_cannot_do_has_no_answer():
     with AlgebraProcess() as process:
         assert process.ask("remainder", "1/(x - x)", []) is None

@@ -90,6 +90,7 @@ def test_what_is_exported_reads_back_as_the_same_path(flown, to):
     assert same(plan, back)
 
 
+@pytest.mark.slow
 def test_a_coverage_reads_back_as_the_same_path(eadp, tmp_path):
     out = tmp_path / "meadow.plan"
     assert eadp("cover", "plans/meadow.geojson", "--min-radius", "20", "--swath", "40", "-o", out).code == 0
@@ -494,6 +495,7 @@ def test_paparazzi_has_no_more_numbers_than_a_byte():
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_writes_every_format_at_the_parameters_given(eadp, tmp_path):
     lengths = {}
     for c1 in ("0", "-900"):

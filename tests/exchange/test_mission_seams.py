@@ -160,6 +160,7 @@ def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
 LINES = "0.1; 90; x\n0, 300\n0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500\n100, 300\n0.1; 270; x - 100\n100, 0\n"
 
 
+@pytest.mark.slow
 def test_the_rest_of_a_mission(eadp, blocks):
     plan, scenario = blocks
     place = ("--to", "geojson", "--origin", "55.37,10.43")

@@ -81,6 +81,7 @@ def test_a_fillet_cuts_the_corner_as_the_triangle_says(corner_deg):
     assert nearest_m(path, (500, 0)) == pytest.approx(RADIUS_M * (1 / math.cos(corner / 2) - 1), abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_corner_that_is_too_sharp_is_flown_over_as_the_shortest_path_with_a_free_heading():
     start, corner, end = (0.0, 0.0), (300.0, 0.0), (100.0, 120.0)
     path = through([Waypoint(corner, 0.0), Waypoint(end, 0.0)])

@@ -57,7 +57,7 @@ BOTH = pytest.mark.parametrize("kind", [ARDUPILOT, PX4])
 # --- in force
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @BOTH
 def test_a_plan_without_altitudes_is_replaced_above_the_take_off(inputs, missions, lines, kind):
     """The take-off climbs to 50 m, which is no altitude of the plan: new items are at that of the others."""
@@ -126,7 +126,7 @@ def read_back_late(inputs, missions, lines, **ways):
     return flown.fly(lines)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("loses_end", [False, True])
 def test_the_map_of_what_was_sent_holds_from_its_acknowledgement_on(inputs, missions, lines, loses_end):
     """Not only once it is read back. Where the acknowledgement is lost, the number of items says so."""
@@ -141,6 +141,7 @@ def test_the_map_of_what_was_sent_holds_from_its_acknowledgement_on(inputs, miss
     assert any("uploaded and verified" in text for text in flown.said)
 
 
+@pytest.mark.slow
 def test_the_old_map_holds_again_where_the_old_mission_is_read_back(inputs, missions, lines):
     flown = read_back_late(inputs, missions, lines[:16], forgets=True)
     values = [c1 for _, _, c1 in flown.seen]
@@ -175,6 +176,7 @@ def test_a_moment_without_an_item_changes_none():
 # --- what it says
 
 
+@pytest.mark.slow
 def test_its_echo_is_no_report(inputs, missions, lines):
     """PX4 sends NAMED_VALUE_FLOAT back as its own: a detector that does not obey would look obedient."""
     flown = flown_by(PX4, inputs, missions).fly(lines)
@@ -234,7 +236,7 @@ def test_what_ardupilot_says_against_a_mission_is_told(inputs, missions, text, t
     assert any(each.severity == "note" and "holds the mission" in each.message for each in flown.faults) is not told
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("mps", "said"), [(9.0, ""), (18.0, "AIRSPEED_MIN is 18, more than 15")])
 def test_a_speed_below_the_autopilots_is_not_assumed(inputs, missions, lines, mps, said):
     flown = flown_by(ARDUPILOT, inputs, missions)
@@ -277,6 +279,7 @@ def test_nothing_is_uploaded_while_the_mission_is_not_flown(inputs, missions, ki
     assert any("uploaded and verified" in text for text in flown.said)
 
 
+@pytest.mark.slow
 def test_a_mission_that_was_checked_before_a_pilot_flew_is_checked_again(inputs, missions):
     """Another one may have come meanwhile."""
     flown = flown_by(ARDUPILOT, inputs, missions, refuses=("MISSION_COUNT",))
@@ -291,7 +294,7 @@ def test_a_mission_that_was_checked_before_a_pilot_flew_is_checked_again(inputs,
     assert flown.holder.items[-1] == land
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @BOTH
 def test_nothing_of_the_survey_is_sent_while_the_autopilot_returns(inputs, missions, kind):
     flown = in_mode(flown_by(kind, inputs, missions, return_home=False), recorded()[:20], "mission")
@@ -304,7 +307,7 @@ def test_nothing_of_the_survey_is_sent_while_the_autopilot_returns(inputs, missi
     assert flown.texts == []
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @BOTH
 def test_what_is_read_of_the_autopilot_counts_and_is_in_the_log(inputs, missions, kind):
     """Its kind by the first heartbeat, then its parameters; telemetry has them when they are new."""
@@ -334,6 +337,7 @@ def test_who_flies_home_is_not_asked_to(inputs, missions):
     assert "eadp: only home can be reached: fly home" in flown.texts
 
 
+@pytest.mark.slow
 def test_the_end_of_a_plan_is_told_though_its_mission_is_over(inputs, missions):
     flown = in_mode(flown_by(ARDUPILOT, inputs, missions), recorded()[:20], "mission")
     in_mode(flown, recorded()[20:21], "return")

@@ -340,6 +340,7 @@ def test_a_hostile_sender_and_messages_twice_and_late_change_nothing(inputs, lin
     assert sum("system 7" in text for text in other.warnings) == 1
 
 
+@pytest.mark.slow
 def test_an_autopilot_that_starts_again_in_the_air_does_not_end_the_flight(inputs, lines):
     other, autopilot = Flown(inputs), Autopilot()
     steps = list(frames(lines, autopilot))
@@ -475,6 +476,7 @@ def test_a_flight_elsewhere_is_refused(eadp, plan, lines, tmp_path):
     assert refused(answer, "flight.tlog:1:1: error: is a flight elsewhere, as at")
 
 
+@pytest.mark.slow
 def test_a_telemetry_log_gives_the_same_decisions(eadp, plan, lines, flown, tmp_path):
     log = tmp_path / "flight.tlog"
     log.write_bytes(b"rubbish" + tlog(frames(lines, Autopilot())) + struct.pack(">Q", 1))
@@ -484,6 +486,7 @@ def test_a_telemetry_log_gives_the_same_decisions(eadp, plan, lines, flown, tmp_
     assert flown.flight.over
 
 
+@pytest.mark.slow
 def test_over_a_socket_and_again_from_its_log(eadp, plan, lines, flown, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))

@@ -184,6 +184,7 @@ def test_a_parameter_is_held_until_another_value_is_reported(recorded):
     assert (applied.held, applied.effective) == ({}, (-500.0, 2.0))
 
 
+@pytest.mark.slow
 def test_a_parameter_that_is_on_its_way_is_held_no_longer(recorded):
     """Until it is reported as it was for as long again: what was on its way has been refused."""
     flight, seen = live(recorded[0]), iter(recorded[1].seen[::20])
@@ -221,6 +222,7 @@ def test_parameters_reported_for_longer_or_as_others_are_in_force(recorded):
     assert applied.update_apart(60.0 + APART_S, {0: -500.0}, (0.0, 10.0)) == []
 
 
+@pytest.mark.slow
 def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recorded):
     """What it reports to be in force then takes effect with the stage, as the plan has it."""
     inputs = recorded[0]

@@ -79,6 +79,7 @@ def ask(process, line):
     return process.stdout.readline()
 
 
+@pytest.mark.slow
 def test_degrees_and_the_charge_drawn_lead_to_the_same_advice(eadp, whole, tmp_path):
     origin = (55.37, 10.43)
     plan, telemetry = tmp_path / "survey.plan", tmp_path / "flight.jsonl"
@@ -115,6 +116,7 @@ def test_the_recorded_flight(whole):
     assert {line["in_force"]["c1"] for line in advice} >= {line["parameters"]["c1"] for line in LINES_OF[-20:]}
 
 
+@pytest.mark.slow
 def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
     low = [json.dumps({**json.loads(line), "soc": 0.2}).encode() + b"\n" for line in LINES[:30]]
     code, advice, err = replan(b"".join(low))
@@ -129,6 +131,7 @@ def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
     assert replan(b"") == (1, [], nothing)
 
 
+@pytest.mark.slow
 def test_lines_that_are_invalid_give_a_warning_and_are_skipped(replan, whole):
     endless = LINES[2].replace(b'"time_s": ', b'"time_s": 1e999, "_": ')
     bad = [b"not JSON\n", b"\n", b'\xff{"time_s": 1}\n', b'{"time_s": 3}\n', LINES[0], endless]
@@ -197,6 +200,7 @@ def test_the_page_shows_real_lines(whole):
     assert set(answer) == set(whole[0])
 
 
+@pytest.mark.slow
 def test_a_flight_goes_on_from_its_log(replan, whole, tmp_path):
     log = tmp_path / "flight.jsonl"
     first = replan(b"".join(LINES[:90]), "--log", log)
@@ -268,6 +272,7 @@ def test_a_log_with_a_line_that_is_none_is_refused(replan, tmp_path, line):
     assert err.startswith(f"{log}:4:1: error: is no line of a log; expected")
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_goes_on_where_it_was(tmp_path, whole):
     log = tmp_path / "flight.jsonl"
     emitted = []
@@ -439,7 +444,7 @@ def places(decisions):
     return {line["time_s"]: (line["lap"], line["stage"]) for line in decisions}
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("begins_s", "reports"),
     [(300, ("parameters", "stage")), (130, ("parameters", "stages_started")), (300, ("stage",))],

@@ -46,6 +46,7 @@ def test_the_undisturbed_flight_has_no_warnings(undisturbed):
     assert all(answer["warnings"] == [] for answer in undisturbed.answers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("disturbance", few(DISTURBANCES, 1), ids=lambda disturbance: disturbance.name)
 def test_a_disturbance_costs_little_and_the_stage_is_found_again(undisturbed, disturbance):
     disturbed = flown(short_survey(), disturbance, START_S)
@@ -148,6 +149,7 @@ def test_a_mission_that_is_taken_up_again_is_forecast_from_the_start_of_the_leg_
     assert left_s[1] > left_s[0] + 5
 
 
+@pytest.mark.slow
 def test_of_an_autopilot_that_returns_no_parameters_are_decided():
     """Nor is the pilot asked to fly home, though the charge is gone."""
     example = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:110]

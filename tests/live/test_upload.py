@@ -162,6 +162,7 @@ def test_a_request_that_is_lost_does_not_end_an_upload(inputs, mission, lines, a
     assert flown.holder.current == 3
 
 
+@pytest.mark.slow
 def test_a_silence_while_an_upload_is_read_back_does_not_lose_it(inputs, mission, lines):
     """An item is asked for `ITEM_TRIES` times in 4 s."""
     flown, silent_from_s = Finely(inputs, mission), []
@@ -232,7 +233,7 @@ def test_a_mission_that_the_pilot_changes_in_flight_is_left_alone(inputs, missio
     assert flown.holder.writes == []
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("counts", [True, False])
 def test_another_number_of_items_is_read_at_once(inputs, mission, lines, counts):
     """Without an upload, too: old autopilots report 0 items, and it is noticed at the next arming."""
@@ -313,6 +314,7 @@ def test_a_mission_that_is_stored_wrong_does_not_count(inputs, mission, lines):
     assert "eadp: mission unknown after an upload: see to it" in [text[:48] for text in shown]  # the pilot knows, too
 
 
+@pytest.mark.slow
 def test_a_mission_that_comes_later_is_read_at_arming(inputs, mission, lines):
     flown = Flying(inputs, mission)
     there, flown.holder.items = flown.holder.items, flown.holder.items[:3]

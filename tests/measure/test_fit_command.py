@@ -32,6 +32,7 @@ def noise(tmp_path: Path) -> str:
     return str(file)
 
 
+@pytest.mark.slow
 def test_example_as_json(run: Run) -> None:
     code, out, err = run("fit", EXAMPLE, "--format", "json")
     document = json.loads(out)
@@ -88,6 +89,7 @@ def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None
     assert (code, out) == (0, model.read_text()), "the model alone on standard output"
 
 
+@pytest.mark.slow
 def test_columns_units_order_and_prior_by_option(run: Run, tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     rows = [line.split(",") for line in Path(EXAMPLE).read_text().splitlines()[1:1101]]

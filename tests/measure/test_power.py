@@ -31,6 +31,7 @@ def faults(error: pytest.ExceptionInfo[InputError]) -> list[str]:
     return [str(fault) for fault in error.value.faults]
 
 
+@pytest.mark.slow
 def test_without_options_nothing_is_left_out_and_nothing_said(tmp_path: Path) -> None:
     fit = read_fit(log_file(tmp_path), Columns(), FitOptions())
     assert fit.fitted.model.period_s == pytest.approx(PERIOD_S, rel=0.005)
@@ -65,6 +66,7 @@ def white(seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=len(TIMES))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", few(range(1, 4), 1))
 def test_white_noise_is_the_noise(seed: int) -> None:
     model = fit_power(TIMES, WAVE + 0.3 * white(seed)).model
@@ -87,6 +89,7 @@ def test_standard_deviations_hold_under_correlated_noise() -> None:
     assert sum(inside) >= 29
 
 
+@pytest.mark.slow
 def test_spikes_are_left_out_unless_they_are_to_be_kept() -> None:
     power = WAVE + 0.3 * white()
     places = [0, 100, 101, 300]

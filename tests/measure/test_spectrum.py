@@ -86,7 +86,7 @@ def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, 
     assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(period_s, rel=1e-4), 1)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.05])
 def test_a_period_that_drifts_is_stated(share: float) -> None:
     times = sampled(13, step_s=0.5)
@@ -141,6 +141,7 @@ def test_sampling_of_any_kind(kept: str) -> None:
     assert_found(analyse(times + 1.7e9 if kept == "a date" else times, power))
 
 
+@pytest.mark.slow
 def test_a_trend_hides_no_period() -> None:
     times = sampled(5)
     found = analyse(times, noisy(times) - times / 60)
@@ -156,6 +157,7 @@ def in_its_units() -> Spectrum:
     return analyse(*UNITS)
 
 
+@pytest.mark.slow
 @settings(max_examples=1)
 @given(st.floats(0.01, 100), st.floats(0.01, 1000), st.floats(-1e6, 1e6))
 def test_units_do_not_matter(per_second: float, per_watt: float, start: float) -> None:
@@ -225,6 +227,7 @@ def test_score_is_that_of_blocks_left_out_with_their_neighbours() -> None:
     assert found.cv_r2 == pytest.approx(1 - error / about_mean, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", few(range(3), 1))
 def test_a_period_in_slow_noise_as_strong_as_the_signal(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -306,6 +309,7 @@ def test_a_constant_has_no_period(level_w: float) -> None:
     assert math.isnan(found.period_s)
 
 
+@pytest.mark.slow
 def test_no_period_leaves_mean_and_spread() -> None:
     power = 30 + 2 * np.random.default_rng(0).normal(size=100)
     found = analyse(np.arange(100.0), power)
@@ -352,6 +356,7 @@ def test_an_order_that_the_samples_cannot_tell() -> None:
         analyse(times, noisy(times), order=30)
 
 
+@pytest.mark.slow
 def test_a_prior_confines_the_search() -> None:
     times = sampled(6)
     power = noisy(times, terms=((1.0, 0.3), (4.0, 1.0)))
@@ -366,6 +371,7 @@ def test_a_prior_of_which_only_a_sliver_fits_into_the_log() -> None:
     assert not found.periodic
 
 
+@pytest.mark.slow
 def test_standard_deviations_of_mean_and_amplitudes_in_white_noise() -> None:
     # of n samples over whole periods: σ/√n of the mean, σ√(2/n) of an amplitude
     times, std_w = sampled(8, step_s=0.5), 2.0
@@ -374,6 +380,7 @@ def test_standard_deviations_of_mean_and_amplitudes_in_white_noise() -> None:
     assert found.amplitude_std_w == pytest.approx(3 * [std_w * math.sqrt(2 / len(times))], rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_period_that_does_not_fit_twice_does_not_count() -> None:
     times = sampled(1.5)
     found = analyse(times, noisy(times, std_w=0.1, terms=((2.1, 0.8),)))
@@ -381,6 +388,7 @@ def test_a_period_that_does_not_fit_twice_does_not_count() -> None:
     assert math.isnan(found.period_std_s)
 
 
+@pytest.mark.slow
 def test_surrogates_are_the_same_each_time() -> None:
     times = sampled(3, step_s=2.0)
     rng = np.random.default_rng(8)

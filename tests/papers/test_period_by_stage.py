@@ -9,7 +9,7 @@ from common import ROOT
 import eadp
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("gusts", "seed"), [(0.0, 0), (1.0, 1)])
 def test_the_period_is_one_whatever_the_stage_it_is_measured_at(gusts, seed):
     keys = {"planner.name": "static", "battery.capacity_ah": 3, "faults": [], "wind.gust_std_mps": gusts, "seed": seed}

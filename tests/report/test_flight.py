@@ -159,6 +159,7 @@ def test_a_damaged_folder_is_refused_and_nothing_written(eadp, folder, tmp_path,
     assert (copy / "report.html").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_other_columns_and_a_climb(eadp, folder, tmp_path):
     """Latitude and longitude are shown, an altitude that varies has a chart, and what is not known is no fault."""
     copy = shutil.copytree(folder, tmp_path / "copy")
@@ -186,6 +187,7 @@ def test_what_is_no_result_is_refused(eadp, tmp_path):
     refused(eadp("report", tmp_path / "text.txt"), "text.txt:1:1: error: ")
 
 
+@pytest.mark.slow
 def test_a_flight_that_does_not_complete(tmp_path, root):
     """The plan is a mission of 30 laps, and the battery is empty before its end; a planner without records."""
     flight = library.simulate(
@@ -220,8 +222,8 @@ def picture(browser):
     return browser.run("$('map').toDataURL()")
 
 
-@pytest.mark.quick(2)
-@pytest.mark.parametrize(("width", "height", "phone"), SIZES)
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(("width", "height", "phone"), SIZES[::-1])
 @pytest.mark.parametrize("dark", [False, True])
 def test_it_opens_without_a_fault_at_every_size(browser, folder, tmp_path, width, height, phone, dark):
     browser.faults.clear()
@@ -249,6 +251,7 @@ def test_the_reserve_is_kept_in_the_table_as_in_the_words(shown, kept, word):
     assert row.endswith(word)
 
 
+@pytest.mark.slow
 def test_the_cursor_moves_what_it_should(shown, folder):
     def state():
         return shown.run(
@@ -274,6 +277,7 @@ def test_the_cursor_moves_what_it_should(shown, folder):
     assert shown.run("state.t") == pytest.approx(duration_s)
 
 
+@pytest.mark.slow
 def test_the_keyboard(shown):
     shown.run("setTime(200)")
     for key, shift, t in (("ArrowRight", False, 201), ("ArrowLeft", False, 200), ("ArrowRight", True, 210)):

@@ -48,7 +48,7 @@ def gaps(path):
     return [math.dist(a.end[:2], b.start[:2]) for a, b in itertools.pairwise(pieces)]
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("limits", "least"),
     [
@@ -81,6 +81,7 @@ def test_laps_keep_a_boundary_and_not_an_obstacle_within_them():
     assert cover(CoverageRequest(Field(BOX, airspace=airspace((MAST,))), MOTION, "auto")).pattern == "dubins"
 
 
+@pytest.mark.slow
 def test_the_way_from_start_and_home_is_free_too():
     wall = ((-100.0, 100.0), (-40.0, 100.0), (-40.0, 300.0), (-100.0, 300.0))
     field = Field(BOX, airspace=airspace((wall,)))
@@ -185,6 +186,7 @@ def by_relaxation(turns, start, end):
     return least[end]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", few([(0.0, 0.0), (4.0, -3.0)], 1))
 def test_the_way_around_corners_is_the_quickest(wind):
     wall = (-10, -120), (10, -120), (10, 120), (-10, 120)

@@ -25,7 +25,7 @@ def box(tmp_path):
     return path
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", ["dubins", "zamboni"])
 def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
     plan = tmp_path / "meadow.plan"
@@ -225,6 +225,7 @@ def test_a_profile_that_does_not_measure_whole_settings_is_refused_and_nothing_w
     assert not plan.exists()
 
 
+@pytest.mark.slow
 def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
     plan = tmp_path / "p.plan"
     profile = ("--profile", "profiles/pednet-jetson-nano.yaml")
@@ -248,6 +249,7 @@ def test_repairs_are_noted(eadp, tmp_path):
     assert len(document["normalised"]) == 1
 
 
+@pytest.mark.slow
 def test_the_pictures(eadp, tmp_path, box):
     plot = tmp_path / "field.svg"
     answer = eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--plot", plot, "--format", "json")
@@ -335,7 +337,7 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
     assert document["left"][0]["at_deg"] is None
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("altitude", "home", "avoided"),
     few_rows([(55, "-50,-50", False), (54, "-50,-50", True), (102, "220,210", True)], 3),

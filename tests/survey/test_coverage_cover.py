@@ -55,7 +55,7 @@ def whole(legs):
         assert abs(wrap_angle_rad(a.piece.end[2] - b.piece.start[2])) < math.radians(1e-3)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "pattern"), few_rows(product(FIELDS, PATTERNS), 5))
 def test_every_shape_is_covered(name, pattern):
     field = FIELDS[name]
@@ -72,7 +72,7 @@ def test_every_shape_is_covered(name, pattern):
         whole(path.legs)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", [ZAMBONI, DUBINS])
 @pytest.mark.parametrize("name", few(["hole", "L", "star"], 1))
 def test_the_plan_passes_its_check_and_reads_back(name, pattern):
@@ -118,6 +118,7 @@ def unmoved(name, pattern):
     return field, cover(CoverageRequest(field, MOTION, pattern)).path(0.0)
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(["rectangle", "trapezoid"]),
     st.sampled_from([ZAMBONI, DUBINS]),

@@ -14,6 +14,7 @@ from eadp.models.performance import performance
 from eadp.survey.init import PRESETS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", few(PRESETS, 1))
 def test_a_preset_flies_as_it_is(eadp, tmp_path, preset):
     assert eadp("init", tmp_path / "new", "--preset", preset).code == 0

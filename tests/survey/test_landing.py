@@ -161,7 +161,7 @@ def test_a_mission_of_others_keeps_its_take_off_and_landing(eadp, tmp_path):
     assert qgc["rallyPoints"] == {"points": [], "version": 2}
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("to", ENDINGS)
 def test_circles_up_to_the_first_line_are_in_plan_flight_and_mission(eadp, tmp_path, to):
     flight, out = tmp_path / "p.plan", tmp_path / f"m.{ENDINGS[to]}"

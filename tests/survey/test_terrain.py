@@ -102,7 +102,7 @@ def flown_as_planned(field, terrain, wind, *, gentle=False, folder):
     return found, flight
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", few(GROUNDS, 2))
 def test_heights_are_flown_as_planned(tmp_path, name):
     winds = ("0,0", "4,240", "7,100")
@@ -136,6 +136,7 @@ def slope(tmp_path_factory):
 CAMERA = ("--sensor-width-mm", 13.2, "--focal-length-mm", 8.8, "--side-overlap", "70:60", "--image-width-px", 4000)
 
 
+@pytest.mark.slow
 def test_json_text_and_picture_have_the_heights(eadp, slope, tmp_path):
     field, terrain = slope
     plan, plot = tmp_path / "slope.plan", tmp_path / "slope.png"

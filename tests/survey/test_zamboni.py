@@ -83,6 +83,7 @@ def test_a_width_that_needs_tighter_turns_has_no_layout():
     assert layouts(140, MOTION) == []
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.floats(0, 1), st.floats(0, 1))
 def test_a_smaller_parameter_never_needs_more_lines(seed, a, b):
     solution = solution_of(quadrilateral(seed))
@@ -98,6 +99,7 @@ def test_laps_are_saved_in_flight_too():
     assert lines[0] > lines[1] >= lines[2]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.lists(st.floats(0, 1), min_size=1, max_size=20))
 def test_no_gap_at_any_parameter_of_any_lap(seed, shares):
     field = quadrilateral(seed)

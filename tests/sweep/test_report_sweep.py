@@ -140,6 +140,7 @@ def opened(browser, swept):
     assert browser.faults == []
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("width", "height", "phone"), [(1440, 900, False), (820, 1100, False), (390, 844, True)])
 def test_it_opens_without_a_fault_at_every_size(browser, swept, width, height, phone):
     browser.faults.clear()

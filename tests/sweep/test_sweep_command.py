@@ -225,6 +225,7 @@ def test_engines_agree(eadp, folder):
     assert answer.code == 1
 
 
+@pytest.mark.slow
 def test_an_existing_file_goes_on(eadp, folder):
     results = folder / "results.db"
     common = ("sweep", folder / "sweep.yaml", "--jobs", 1, "-o", results, "--format", "csv")

@@ -15,7 +15,7 @@ def flown(**overrides):
     )
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("r1", "r2", "least"), [(1 / 200, -1.0, -10.0), (1 / 250, 1.0, 3.0)])
 def test_every_row_of_a_flight_keeps_to_the_trade_offs(r1, r2, least):
     row = {"coefficients": {"c1": r1, "c2": r2}, "at_least": least}

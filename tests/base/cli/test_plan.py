@@ -108,6 +108,7 @@ def test_a_stage_that_sympy_cannot_print_is_named(eadp, tmp_path):
     assert answer.err.startswith(f"{path}:3:1: error: sympy gives no expressions of stage 2; expected expressions")
 
 
+@pytest.mark.slow
 def test_whether_laps_are_proven_alike_is_shown(eadp, tmp_path):
     path = tmp_path / "p.plan"
     path.write_text("".join(f"0.1; 90; x - {i}*sqrt(2)\n{i}*sqrt(2), 200\n" for i in range(4)))
@@ -160,6 +161,7 @@ def test_trace_with_an_origin_tells_latitude_and_longitude(eadp, tmp_path):
     assert float(first[6]) == pytest.approx(10.43)
 
 
+@pytest.mark.slow
 def test_plots(eadp, tmp_path):
     for name, start in (("plan.svg", b"<?xml"), ("plan.png", b"\x89PNG")):
         assert eadp("plan", "plans/survey.plan", "--plot", tmp_path / name).code == 0

@@ -86,6 +86,7 @@ def test_an_existing_folder_is_refused_unless_forced(eadp, tmp_path, line_plan):
     assert refused(eadp("simulate", line_plan, "--figure", "paper"), "--figure:1:1: error:", "-o DIR")
 
 
+@pytest.mark.slow
 def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_path):
     folder = tmp_path / "joint"
     often = ("--set", "planner.joint.max_interval_s=0")

@@ -104,6 +104,7 @@ def test_it_is_the_likeliest_that_draws_the_power():
     assert [found.keys[key] for key in keys] == pytest.approx(np.exp(best.x), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_power_is_as_far_off_as_it_is_said_to_be():
     """Of aircraft drawn from what is known beforehand, each with an endurance that is stated wrongly."""
     rng, scores = np.random.default_rng(1), []

@@ -141,6 +141,7 @@ def test_time_to_an_empty_battery_is_the_integral_of_the_model():
     assert pilot._time_to_reserve_s(o._replace(soc=0.1), 0.0) == 0.0
 
 
+@pytest.mark.slow
 def test_time_to_an_empty_battery_follows_a_periodic_power():
     """Readings of a level and a harmonic of the lap's period: the closed form against a plain sum of seconds."""
     pilot = planner()

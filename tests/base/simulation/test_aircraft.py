@@ -105,6 +105,7 @@ def test_a_smaller_step_flies_the_same_path():
     assert np.hypot(*(coarse[-1] - fine[-1])) < 1.0
 
 
+@pytest.mark.slow
 def test_gusts_have_their_spread_and_their_time():
     wind = Wind(4.0, 180.0, gust_std_mps=1.5, gust_time_s=2.0)
     s, c = state_of(PaperVehicle(), STILL, (0.0, 0.0), 0.0, 25.0), constants_of(PaperVehicle(), Guidance(), wind, 0.1)

@@ -178,7 +178,7 @@ def logged_every(world, every_s):
     return replace(world, clock=world.clock._replace(log_every_s=every_s))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("on", [pytest.param(True, marks=fast), False])
 @pytest.mark.parametrize("planner", few(["joint", "static"], 1))
 def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
@@ -196,6 +196,7 @@ def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
     assert [record.parameters for record in logged.records] == [record.parameters for record in unlogged.records]
 
 
+@pytest.mark.slow
 @settings(max_examples=draws(0.3))
 @given(
     planner=st.sampled_from(["static", "paper", "joint"]),

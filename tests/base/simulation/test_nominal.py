@@ -29,7 +29,7 @@ def mission(tmp_path, points):
     return path
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", WINDS)
 def test_a_path_too_sharp_to_follow_is_forecast_as_it_is_flown(tmp_path, wind):
     path = mission(tmp_path, SHARP)

@@ -68,7 +68,7 @@ def test_laps_after_the_first_take_the_published_time(scenario, shortest_s, long
     assert max(laps) == pytest.approx(longest_s, abs=LAP_S)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "duration_s", "changes", "means", "metric"),
     [
@@ -117,6 +117,7 @@ def _drained(items):
     return outcome, sum(shares) / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "published", "corrected"),
     few_rows([("towards 0", 0.472, 0.538), ("no wind", 0.636, 0.636), ("towards 90", 0.468, 0.534)], 1),
@@ -128,7 +129,7 @@ def test_drained_flights_reach_the_known_quality(case, published, corrected):
         assert reached == pytest.approx(quality, abs=SAME_QUALITY)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("case", DRAINED)
 def test_the_highest_parameters_drain_the_battery(case):
     outcome, _ = drained(case, (("planner.name", "static"),))

@@ -35,6 +35,7 @@ def test_components_are_linear_between_rows():
     assert wind.speeds_mps == (0.0, 5.0)
 
 
+@pytest.mark.slow
 def test_a_drifting_aircraft_moves_with_the_wind_that_it_is_told():
     """Over a straight leg the ground speed is that of the wind triangle of the moment."""
     steps = flown([[0, 2, 270], [300, 8, 270]], **{"wind.gust_std_mps": 0, "time_limit_s": 200}).steps

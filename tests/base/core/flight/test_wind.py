@@ -157,6 +157,7 @@ def test_with_headings_the_covariance_is_calibrated():
     assert np.mean(squares < chi2(2).ppf(0.95)) > 0.85
 
 
+@pytest.mark.slow
 def test_without_headings_it_is_calibrated_where_courses_turn():
     squares = normalised_squares(False, None)
     assert 0.6 < squares.mean() < 3.0

@@ -61,7 +61,7 @@ def drawn(folder, callouts=()):
     return figure
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [LONG, "x" * 400, "a, b\n" * 30, r"$\bad$ costs $3"])
 def test_callouts_change_nothing_and_lie_within(tmp_path, text):
     points = [(5 * i, 60.0 * (i % 2)) for i in range(20)]

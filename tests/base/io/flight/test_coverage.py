@@ -89,6 +89,7 @@ def test_it_is_unknown_without_a_field_a_swath_or_a_fine_log():
     assert flown_coverage(plan(FIELD + STAGES)[0], {**log, "time_s": [0.0, 3.0]}) is None
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("drawn")
 def test_a_flight_over_a_field(tmp_path):
     path = tmp_path / "field.plan"

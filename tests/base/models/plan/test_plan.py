@@ -177,6 +177,7 @@ def test_what_would_keep_sympy_busy_for_hours_is_refused(path):
 ON_CIRCLE = SHORT.replace("%: computations fps\n", "").replace("[2, 10]\n", "")
 
 
+@pytest.mark.slow
 def test_a_plan_that_never_reaches_its_final_point_says_so():
     away = ON_CIRCLE.replace("180, 146", "-500, 146").replace("150 - 2*sqrt(4900 + c1)", "10")
     assert nominal_legs(plan_of(away), (0.0,))[-1].lap == 0, "beyond along the shift at once"

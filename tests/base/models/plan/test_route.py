@@ -148,6 +148,7 @@ def test_the_survey_at_take_off_is_the_nominal_flight(c1):
     assert [leg.stage.index for leg in later[:4]] == [1, 2, 3, 4]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("with_profile", [False, True])
 def test_plans_of_parts_at_take_off(share, with_profile):
@@ -410,7 +411,7 @@ def simulated(c1, wind, step_s):
     return outcome
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", [Wind(), Wind(4.0, towards_deg=90.0), Wind(6.0, towards_deg=200.0)])
 def test_a_simulated_flight_takes_the_times_told(wind):
     # triggers fire 20 m early at both ends of a leg, so that durations stay but for the first and the last

@@ -93,6 +93,7 @@ def test_neither_climbs_nor_airspeeds_are_taken_for_wind(text, within, inputs_of
     assert max(math.hypot(*record.wind_mps) for record in outcome.records) < within
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 def test_compiled_flights_climb_alike(inputs_of):
     def steps():

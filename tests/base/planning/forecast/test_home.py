@@ -89,6 +89,7 @@ def test_the_latest_turn_back_lies_between_take_off_and_the_end():
     assert latest_turn_back(forecasting_of(None).at(0.0), found.filled()) is None
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("home", "capacity_ah"), [((0, -1000), 0.25), ((300, 900), 0.3), ((600, 100), 0.28)])
 def test_no_point_after_the_latest_turn_back_is_within_reach_of_home(home, capacity_ah):
     """Beside fifty points of each leg; halving ends within `STEP_M`."""

@@ -165,6 +165,7 @@ def test_a_short_battery_slows_the_flight_instead_of_widening_its_lines():
     assert any("airspeed 15 → " in record.reason for record in slowed.records)
 
 
+@pytest.mark.slow
 def test_the_forecast_is_of_the_speed_that_is_flown():
     slow = {**SLOW, "planner.joint.airspeed": "least-energy", "battery.capacity_ah": 2.0}
     expected, ended = survey_inputs(**CALM, **slow).preflight(), outcome(**slow)
@@ -203,6 +204,7 @@ def test_an_airspeed_that_is_commanded_counts_where_it_is_measured_and_flown():
     assert not any(lost[60:])
 
 
+@pytest.mark.slow
 def test_a_loss_is_answered_by_a_slower_flight_and_not_by_wider_lines():
     flight = simulate("plans/survey.plan", scenario="scenarios/survey-loss.yaml")
     before, after = (next(r for r in flight.decisions if r.time_s >= since_s) for since_s in (60.0, 120.0))
@@ -222,6 +224,7 @@ def test_lines_leave_the_charge_of_a_first_loss_while_one_is_expected():
     assert spares == {(0.0, 0): pytest.approx(0.0), (1.0, 0): pytest.approx(LOSS), (1.0, 1): pytest.approx(0.0)}
 
 
+@pytest.mark.slow
 def test_a_flight_whose_lines_became_denser_keeps_the_reserve_after_a_loss():
     losing = {"parameters": {"c1": -1000.0}, "faults": [{"at_s": 300.0, "soc_drop": 0.08}]}
     inputs, ended = survey_inputs(**SLOW, **PACK, **losing), Outcome()

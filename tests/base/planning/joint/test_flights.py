@@ -51,6 +51,7 @@ def test_what_it_forecasts_to_see_it_has_seen_in_the_end(gusty):
         assert last.ending.quality_forecast == pytest.approx(outcome.parameters.quality({}), abs=QUALITY)
 
 
+@pytest.mark.slow
 def test_the_first_decision_searches_the_path(gusty):
     for outcome, _, planner in gusty:
         first = outcome.records[0]
@@ -90,6 +91,7 @@ def test_computations_do_not_rise_soon_after_they_fell(gusty):
                 fell_s = time_s
 
 
+@pytest.mark.slow
 def test_it_is_a_pure_function_of_its_readings():
     """The same flight twice, and with a planner that is shown every step: rows and decisions are the same."""
     keys = {"battery.capacity_ah": 0.42, "time_limit_s": 200, **GUSTS}

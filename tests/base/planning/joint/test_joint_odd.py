@@ -80,6 +80,7 @@ def test_plans_with_little_to_choose(text, parameters, profile):
     assert len(decisions[-1].parameters) == len(parameters)
 
 
+@pytest.mark.slow
 def test_the_quality_told_counts_what_is_flown_of_the_stage_of_the_moment():
     """Half of a single stage at the highest, half at the lowest, for the charge is lost half way."""
     battery = Battery(14.8, 0.05, 3.2, letter_crate_per_h=100.0)

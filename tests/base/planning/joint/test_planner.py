@@ -212,7 +212,7 @@ def test_before_it_starts_a_jump_alone_is_answered_and_looks_stay_rare():
     assert len(flight.pilot.seen) < 80
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("stuck", [True, False])
 def test_a_gauge_that_is_stuck_is_warned_of(stuck):
     inputs = load_flight(
@@ -241,6 +241,7 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
 HOME = {**CALM, "battery.capacity_ah": 0.25, "on_infeasible": "home"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("home_m", few([[0.0, -1000.0], [900.0, 0.0]], 1))
 def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     flight = flown(**HOME, **{"home.position_m": home_m})

@@ -76,7 +76,7 @@ def known_at_end(state, taken):
     return state.known(time_of(taken[-1]), last.position_m)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("faults", [False, True])
 @pytest.mark.parametrize("every", [7, 1])
 def test_what_it_knows_does_not_depend_on_when_it_is_asked(every, faults):
@@ -94,7 +94,7 @@ def singles(readings):
     return [Readings(*(column[i : i + 1] for column in columns)) for i in range(len(readings.times_s))]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("faults", [False, True])
 def test_a_batch_is_its_readings_one_by_one(faults):
     inputs, taken, *_ = survey_flight(faults)
@@ -109,6 +109,7 @@ def test_a_batch_is_its_readings_one_by_one(faults):
     assert one_by_one.cursor == whole.cursor
 
 
+@pytest.mark.slow
 def test_it_knows_the_flight():
     inputs, taken, _, steps = survey_flight()
     known = known_at_end(state_of(inputs, taken), taken)

@@ -26,6 +26,7 @@ def flown(rng, count, level_w=LEVEL_W, motion=None):
     return motion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "seeds"), [(-0.2, 20), *(pytest.param(each, 60, marks=pytest.mark.slow) for each in (-0.2, 0.3, 1.0))]
 )

@@ -60,6 +60,7 @@ def test_a_first_window_in_a_gust_is_not_believed():
     assert 80 < motion.known().level_w < 88
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("windows", "seeds"), [(12, 80), *(pytest.param(n, 150, marks=pytest.mark.slow) for n in (12, 20))]
 )

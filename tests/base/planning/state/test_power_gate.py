@@ -82,7 +82,7 @@ def undisturbed():
     return quality(lambda _, power_w: power_w)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "false_w",
     [

@@ -46,6 +46,7 @@ def test_the_noise_of_a_gust_that_stays():
     assert ratio.noise_s / share == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.slow
 def test_forecasts_of_times_are_calibrated():
     squares = []
     for seed in range(400):

@@ -34,7 +34,7 @@ def flown(seed, *, lost_v=0.0, at_s=300.0, to_soc=0.1):
     return None, watch
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("to_soc", [0.1, 0.0])
 def test_a_pack_that_is_drained_gives_no_alarm(to_soc):
     assert [flown(seed, to_soc=to_soc)[0] for seed in range(40)] == [None] * 40
