@@ -16,6 +16,7 @@ from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -368,7 +369,8 @@ class DaskEngine(QueueEngine):
     def _send(self, runs: list[Run]) -> Any:
         """The future of a task on the cluster."""
         with self._connection_errors():
-            return self._client.submit(make_task, self._make, runs, pure=False)
+            # one object: Dask would look for its keys in every run of a list
+            return self._client.submit(partial(make_task, self._make, runs), pure=False)
 
     def _result(self, future: Any) -> Done | None:
         """The results of a task; None where its workers died."""

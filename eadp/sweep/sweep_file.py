@@ -37,6 +37,8 @@ FILES = ("plan", "scenario", "profile", "energy")
 SHORT = {"planner": "planner.name"}
 """Keys that stand for others; `c1` for `parameters.c1` is one of all scenarios' overrides."""
 
+_SORTED = json.JSONEncoder(sort_keys=True)
+
 RUNS_LIMIT = 1_000_000
 Count = Annotated[int, Ge(1), Le(RUNS_LIMIT)]
 Two = Annotated[Sequence[float], Len(2, 2)]
@@ -260,7 +262,7 @@ class Sweep:
         if vehicle is not None:
             contents["vehicle"] = digest(self.kept.text(vehicle))
         whole = [FLIGHT_SCHEMA, code_identity(), contents, dict(overrides)]
-        return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:32]
+        return hashlib.sha256(_SORTED.encode(whole).encode()).hexdigest()[:32]
 
     @cached_property
     def _digests(self) -> dict[str, str]:

@@ -116,7 +116,6 @@ def test_the_recorded_flight(whole):
     assert {line["in_force"]["c1"] for line in advice} >= {line["parameters"]["c1"] for line in LINES_OF[-20:]}
 
 
-@pytest.mark.slow
 def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
     low = [json.dumps({**json.loads(line), "soc": 0.2}).encode() + b"\n" for line in LINES[:30]]
     code, advice, err = replan(b"".join(low))
@@ -131,7 +130,6 @@ def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
     assert replan(b"") == (1, [], nothing)
 
 
-@pytest.mark.slow
 def test_lines_that_are_invalid_give_a_warning_and_are_skipped(replan, whole):
     endless = LINES[2].replace(b'"time_s": ', b'"time_s": 1e999, "_": ')
     bad = [b"not JSON\n", b"\n", b'\xff{"time_s": 1}\n', b'{"time_s": 3}\n', LINES[0], endless]

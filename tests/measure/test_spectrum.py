@@ -271,13 +271,8 @@ NOISES = {
 }
 
 
-@pytest.mark.quick(1)
 @pytest.mark.parametrize(
-    ("kind", "share"),
-    [
-        *((kind, 0.15) for kind in list(NOISES)[:2]),
-        *(pytest.param(kind, 0.5, marks=pytest.mark.slow) for kind in NOISES),
-    ],
+    ("kind", "share"), [("white", 0.15), *(pytest.param(kind, 0.5, marks=pytest.mark.slow) for kind in NOISES)]
 )
 def test_noise_has_no_period(kind: str, share: float) -> None:
     noise, n = NOISES[kind]

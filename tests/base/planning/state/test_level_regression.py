@@ -27,13 +27,11 @@ def flown(rng, count, level_w=LEVEL_W, motion=None):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("share", "seeds"), [(-0.2, 20), *(pytest.param(each, 60, marks=pytest.mark.slow) for each in (-0.2, 0.3, 1.0))]
-)
-def test_a_lasting_step_is_followed(share, seeds):
+@pytest.mark.parametrize("share", [-0.2, 0.3, 1.0])
+def test_a_lasting_step_is_followed(share):
     """Within 2 σ after 30 s and within 5 % after 90 s, wherever it falls in a window."""
     within, errors = [], []
-    for seed in range(seeds):
+    for seed in range(60):
         rng = np.random.default_rng(seed)
         motion, new_w = flown(rng, 300 + seed % 10), LEVEL_W * (1 + share)
         flown(rng, 30, new_w, motion)
