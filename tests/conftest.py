@@ -215,14 +215,15 @@ def _unestimated(request: pytest.FixtureRequest):
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of whole flights and pages come first, so that no worker is left alone with them at the end.
 
-    Behind the first of them is a long one without flights: machine code is then made by one of two workers.
+    Behind the first of them are some without flights: machine code is then made by one of two workers.
 
     Of a test marked `quick(n)`, cases beyond n, spread evenly, are slow.
 
     Tests in a browser are marked, and skipped where there is none, unless `EADP_BROWSER=required`.
     """
     pages = sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))
-    first = ["test_public.py", "test_spectrum.py", "test_sweep_command.py", *pages]
+    plain = ["test_spectrum.py", "test_proof.py", "test_fit_command.py", "test_fit_pictures.py", "test_autopilot.py"]
+    first = ["test_public.py", *plain, "test_sweep_command.py", *pages]
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:

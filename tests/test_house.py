@@ -87,50 +87,8 @@ def test_no_pattern_tries_blanks_from_each_of_them():
                     assert not searched, f"{path.name}: {name[1]}"
 
 
-SLOW = {"matplotlib", "numba", "osqp", "scipy", "shapely", "sympy"}
-"""Libraries that take 50 ms or more to import, which most commands do without."""
-
-
 def test_no_circle_of_files():
     """Not by imports inside functions, either."""
     graph = grimp.build_graph("eadp", exclude_type_checking_imports=True)
     order = TopologicalSorter({name: graph.find_modules_directly_imported_by(name) for name in graph.modules})
     assert len(list(order.static_order())) == len(graph.modules) > 150  # a circle raises CycleError
-
-
-def test_an_import_inside_a_function_spares_a_slow_library():
-    """Below the use cases: of eadp's own modules, those alone that import such a library at once."""
-    paths = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
-    modules = {name: tree_of(path) for name, path in paths.items()}
-
-    def imported(nodes):
-        for node in nodes:
-            if isinstance(node, ast.ImportFrom):
-                inner = {f"{node.module}.{name.name}" for name in node.names}
-                yield from inner & modules.keys() or {node.module}
-            elif isinstance(node, ast.Import):
-                yield from (name.name for name in node.names)
-
-    at_once = {name: set(imported(tree.body)) for name, tree in modules.items()}
-
-    @functools.cache
-    def reached(name):
-        found, waiting = set(), [name]
-        while waiting:
-            module = waiting.pop()
-            if module not in found:
-                found.add(module)
-                waiting += at_once.get(module, ())
-        return {module.partition(".")[0] for module in found}
-
-    needless = [
-        f"{name}: {inner}"
-        for name, tree in modules.items()
-        if name.startswith(("eadp.core", "eadp.models", "eadp.planning", "eadp.simulation", "eadp.io"))
-        if re.search(r"^ +from eadp", paths[name].read_text(encoding="utf-8"), re.MULTILINE)
-        for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef)
-        for inner in imported(ast.walk(function))
-        if inner.startswith("eadp.") and not (reached(inner) - reached(name)) & SLOW
-    ]
-    assert needless == []

@@ -128,10 +128,6 @@ class Browser:
         shot = self._send("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(shot["data"]))
 
-    def pdf(self, path: Path) -> None:
-        """The page as it is printed."""
-        path.write_bytes(base64.b64decode(self._send("Page.printToPDF", printBackground=True)["data"]))
-
     def _send(self, method: str, **parameters: object) -> dict:
         self._count += 1
         message = {"id": self._count, "method": method, "params": parameters}
