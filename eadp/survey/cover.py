@@ -16,7 +16,7 @@ from eadp.api.vehicle import read_profile
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.errors import Fault, Infeasible, InputError, one_of, printable, refuse
+from eadp.errors import Fault, Infeasible, InputError, one_of, refuse
 from eadp.io.flight import setting_text
 from eadp.io.scenario import read_scenario
 from eadp.io.text.options import check_range
@@ -40,11 +40,10 @@ from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import Profile
 from eadp.models.vehicle import Airframe
+from eadp.plug_ins import plug_in
 from eadp.survey.camera import MAX_ALTITUDE_M, Pictures, option_fault
 from eadp.survey.coverage import PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
 from eadp.survey.coverage import cover as cover_field
-from eadp.survey.features import NAME_LIMIT
-from eadp.survey.field_reader import read_airspace, read_field, read_field_text
 from eadp.survey.heights import (
     Climbing,
     FinalApproach,
@@ -375,12 +374,11 @@ class CoverageTask:
         given = field.airspace if heights is None else heights.profile.ground.airspace
         obstacles = tuple(each._replace(outline=_millimetres(each.outline)) for each in given.obstacles)
         (outline, *holes), *others = (tuple(map(_millimetres, part)) for part in field.parts)
-        name = printable(" ".join(field.name.split()), NAME_LIMIT)
         motion, wind_mps = self.motion, math.hypot(*self.motion.wind_mps)
         from_deg = compass_deg(math.atan2(-motion.wind_mps[1], -motion.wind_mps[0])) if wind_mps else 0.0
         return Site(
             origin_deg=field.origin_deg,
-            field=Field(outline, tuple(holes), name, others=tuple(others)),
+            field=Field(outline, tuple(holes), field.name, others=tuple(others)),
             swath_m=motion.swath_m,
             home_m=None if self.home_m is None else _millimetres((self.home_m,))[0],
             airspace=Airspace(obstacles, tuple(map(_millimetres, given.boundary))),
@@ -406,14 +404,19 @@ def _command(command: int, height_m: float = 0.0) -> tuple[float, ...]:
     return (command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
 
 
-def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
-    """The field with its obstacles and its boundary, and notes on what was left out of these."""
-    avoid, inside = (None if path is None else read_field_text(path) for path in (options.avoid, options.inside))
-    given, notes = read_airspace(avoid, inside, field.origin_deg, field.middle_m, metres=options.metres)
-    holes = [hole for part in field.parts for hole in part[1:]] if options.holes == "avoid" else ()
-    named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
-    airspace = Airspace((*field.airspace.obstacles, *given.obstacles, *named), given.boundary)
-    return replace(field, airspace=airspace), [f"{printable(note.file)}: {note.message}" for note in notes]
+def _limited_field(file: str, options: CoverageOptions) -> tuple[Field, list[str]]:
+    """The field of a file with its obstacles and its boundary; notes on what was repaired and left out of these."""
+    read = plug_in("fields", "files")
+    found: tuple[Field, list[str]] = read(
+        file, metres=options.metres, feature=options.feature, avoid=options.avoid, inside=options.inside
+    )
+    field, notes = found
+    if options.holes == "avoid":
+        holes = [hole for part in field.parts for hole in part[1:]]
+        named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
+        airspace = field.airspace._replace(obstacles=(*field.airspace.obstacles, *named))
+        field = replace(field, airspace=airspace)
+    return field, notes
 
 
 def _computations(profile: Profile | None, off_on_turns: bool) -> FieldComputations:
@@ -568,11 +571,9 @@ def coverage_task(
     check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
     if not has_pattern(options.pattern):
         raise option_fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
-    text = read_field_text(field)
-    ground, repairs = read_field(text, metres=options.metres, feature=options.feature)
-    ground, notes = _limited(ground, options)
-    notes, autopilot = [*repairs, *notes], setting.keys.autopilot
-    task = CoverageTask(text.name, ground, notes, options, motion, flown.name, flown.airframe, profile, pack, autopilot)
+    ground, notes = _limited_field(field, options)
+    name, autopilot = "<stdin>" if field == "-" else field, setting.keys.autopilot
+    task = CoverageTask(name, ground, notes, options, motion, flown.name, flown.airframe, profile, pack, autopilot)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])

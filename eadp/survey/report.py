@@ -16,6 +16,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import Ring, covered_share, ground_m2, inner_point, uncovered
+from eadp.errors import counted
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
 from eadp.models.airspace import CLEARANCE_M, Field
@@ -25,7 +26,6 @@ from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.planning.forecast.held import Preflight
 from eadp.survey.camera import Pictures, pictures_document, rounded_text
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
-from eadp.survey.features import counted
 from eadp.survey.heights import HeightProfile
 from eadp.survey.swaths import CoveragePath, MotionLimits
 
