@@ -10,6 +10,8 @@ from functools import cached_property
 from os import PathLike
 from typing import Any, Literal
 
+import numpy as np
+
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import clear_home_m, load_flight
 from eadp.api.vehicle import read_profile
@@ -42,14 +44,23 @@ from eadp.models.profile import Profile
 from eadp.models.vehicle import Airframe
 from eadp.plug_ins import plug_in
 from eadp.survey.camera import MAX_ALTITUDE_M, Pictures, option_fault
-from eadp.survey.coverage import PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
+from eadp.survey.coverage import (
+    AUTO,
+    DUBINS,
+    PATTERNS,
+    ZAMBONI,
+    CoverageRequest,
+    CoverageSolution,
+    check_access,
+    has_pattern,
+)
 from eadp.survey.coverage import cover as cover_field
 from eadp.survey.heights import (
     Climbing,
     FinalApproach,
     Ground,
+    HeightProfile,
     Lack,
-    TerrainTask,
     check_approach,
     clear_circle,
     climb_lack,
@@ -62,8 +73,9 @@ from eadp.survey.heights import (
 )
 from eadp.survey.options import CoverageOptions, place_of, point_of
 from eadp.survey.plan_builder import FieldComputations, PlanCommands, build_plan
-from eadp.survey.report import CoveragePlan, Heights, Pack, PathReport
+from eadp.survey.report import CoveragePlan, Pack, PathReport
 from eadp.survey.swaths import CoverageLeg, MotionLimits
+from eadp.survey.terrain import ElevationModel
 
 FLAT_M = 1000.0
 """Extent of a field from which on it is said that its ground is taken as flat [m]."""
@@ -115,15 +127,25 @@ class CoverageTask:
         return float(max(max(x) - min(x), max(y) - min(y)))
 
     @cached_property
-    def terrain(self) -> TerrainTask | None:
+    def terrain(self) -> ElevationModel | None:
         """The ground to follow, if one is given. Raises InputError of its files and options."""
-        options = self.options
-        ends = point_of("--start", options.start, self.field), self.home_m
-        found = TerrainTask.read(options, options.altitude_m, options.clearance_m, self.field, ends)
+        ends = point_of("--start", self.options.start, self.field), self.home_m
+        found = self.options.elevations(self.field, ends)
         if found is not None and not self.airframe.takes_commands:
             message = f"the airframe {self.airframe.model} holds its own altitude"
             raise option_fault("--terrain", "", message, "another --vehicle")
         return found
+
+    def _ground(self, field: Field, apart_m: float, home_m: Point) -> Ground | None:
+        """The ground of a flight along lines so far apart whose altitudes are 0 at home [m]; None without a terrain.
+
+        Raises Infeasible where its height there is not known.
+        """
+        if self.terrain is None:
+            return None
+        zero_m = round(float(self.terrain.known_m(np.array([home_m]))[0]), 2)  # as a plan has it
+        limits = self.options.height_limits
+        return Ground(self.terrain, home_m, zero_m, limits, self.motion, apart_m, field.airspace)
 
     @cached_property
     def home_m(self) -> Point | None:
@@ -189,9 +211,8 @@ class CoverageTask:
         request = self._request(final)
         request.check()
         check_access(request)
-        ground = None
-        if self.terrain is not None:
-            ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, self.landing[:2])
+        ground = self._ground(self.field, self.motion.swath_m, self.landing[:2])
+        if ground is not None:
             check_approach(final, ground)
         circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), request.space)
         return final._replace(
@@ -258,7 +279,11 @@ class CoverageTask:
         options = self.options
         ends = point_of("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern)
+        pattern = options.pattern
+        if self.terrain is not None and pattern == ZAMBONI:
+            raise Infeasible("laps have one altitude, and do not follow a terrain", "--pattern dubins")
+        if self.terrain is not None and pattern == AUTO:
+            pattern = DUBINS
         return CoverageRequest(
             self.field,
             self.motion,
@@ -314,14 +339,14 @@ class CoverageTask:
         """The plan of a path over the field, or over a part of it, which circles up to its first line."""
         field, options, motion = field or self.field, self.options, self.motion
         home_m = self.home_m or solution.path(0.0).legs[0].start[:2]
-        ground, heights = None, None
-        if self.terrain is not None:
-            ground = self.terrain.ground(field, motion, self.request.order_spacing_m or motion.swath_m, home_m)
+        ground, heights = self._ground(field, self.request.order_spacing_m or motion.swath_m, home_m), None
         flown = solution = self._with_circles(solution, ground)
         altitude_m = None if options.altitude_m is None else round(options.altitude_m, 3)
         if ground is not None:
-            flown, heights = self._over(ground, solution, home_m)
-            altitude_m = heights.profile.commanded_m[0]
+            assert self._climbing is not None  # else `terrain` is refused
+            start_m = 0.0 if self.from_ground else None
+            flown, heights = over_terrain(solution, ground, self._climbing, start_m, lands=self.final)
+            altitude_m = heights.commanded_m[0]
         pictures = self._pictures(solution)
         plan = build_plan(
             flown,
@@ -341,13 +366,6 @@ class CoverageTask:
         notes = [*self.repairs, *self.flown_over]
         return CoveragePlan(plan, site_field, motion, solution, ends, notes, pictures, self.pack, heights)
 
-    def _over(self, ground: Ground, solution: CoverageSolution, home_m: Point) -> tuple[CoverageSolution, Heights]:
-        """A path with its altitudes over a ground, and these. Raises Infeasible as `over_terrain`."""
-        assert self._climbing is not None  # else `terrain` is refused
-        start_m = 0.0 if self.from_ground else None
-        flown, profile = over_terrain(solution, ground, self._climbing, start_m, lands=self.final)
-        return flown, Heights(profile, home_m)
-
     def _pictures(self, solution: CoverageSolution) -> Pictures | None:
         """The camera's pictures along a path; None without a camera."""
         options, distance_m = self.options, self.options.picture_distance_m
@@ -357,7 +375,7 @@ class CoverageTask:
         number = None if distance_m is None else math.ceil(sensed_m / distance_m)
         return Pictures(options, number, self.motion.max_line_speed_mps(solution.heading_rad))
 
-    def _commands(self, heights: Heights | None) -> PlanCommands:
+    def _commands(self, heights: HeightProfile | None) -> PlanCommands:
         """What an autopilot does: pictures, the take-off, and the landing or the return."""
         distance_m, takeoff, ending = self.options.picture_distance_m, None, None
         if self.from_ground:
@@ -365,13 +383,13 @@ class CoverageTask:
             up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
             takeoff, ending = _command(TAKEOFF, up_m), _command(RETURN)
         if self.landing is not None:
-            ending = _command(LAND, 0.0 if heights is None else heights.profile.commanded_m[-1])
+            ending = _command(LAND, 0.0 if heights is None else heights.commanded_m[-1])
         on_and_off = None if distance_m is None else (_trigger(distance_m), _trigger(0.0))
         return PlanCommands(on_and_off, takeoff, ending)
 
-    def _site(self, field: Field, heights: Heights | None, pictures: Pictures | None) -> Site:
+    def _site(self, field: Field, heights: HeightProfile | None, pictures: Pictures | None) -> Site:
         """What the plan carries of its mission."""
-        given = field.airspace if heights is None else heights.profile.ground.airspace
+        given = field.airspace if heights is None else heights.ground.airspace
         obstacles = tuple(each._replace(outline=_millimetres(each.outline)) for each in given.obstacles)
         (outline, *holes), *others = (tuple(map(_millimetres, part)) for part in field.parts)
         motion, wind_mps = self.motion, math.hypot(*self.motion.wind_mps)
@@ -384,7 +402,7 @@ class CoverageTask:
             airspace=Airspace(obstacles, tuple(map(_millimetres, given.boundary))),
             made_for=MadeFor(self.vehicle, motion.airspeed_mps, round(wind_mps, 3), round(from_deg, 1) % 360),
             camera=None if pictures is None else pictures.of_plan,
-            ground_m=None if heights is None else heights.profile.ground.zero_m,
+            ground_m=None if heights is None else heights.ground.zero_m,
             home_altitude_m=None if heights is None or self.home_m is None else heights.home_altitude_m,
             clearance_m=self.options.clearance_m,
         )

@@ -19,7 +19,7 @@ from eadp.core.geometry.polygons import Ring, covered_share, ground_m2, inner_po
 from eadp.errors import counted
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
-from eadp.models.airspace import CLEARANCE_M, Field
+from eadp.models.airspace import Field
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
@@ -146,31 +146,8 @@ def area_text(area_m2: float) -> str:
 
 # --- heights above ground
 
-HOME_POINTS = 25
-"""Points in a row on a way home."""
-
 HOME_TEXT = "way home   clear of ground and obstacles at {:g} m (home.altitude_m, RTL_ALTITUDE)"
 """What is said of the altitude of the way home."""
-
-WAYS_HOME = 200
-"""Ways home that are tried, at least."""
-
-
-class Heights(NamedTuple):
-    """The heights of a flight over its ground: its profile, and home [m]."""
-
-    profile: HeightProfile
-    home_m: Point
-
-    @property
-    def home_altitude_m(self) -> int:
-        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
-        ground, points_m = self.profile.ground, self.profile.samples.points_m
-        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, CLEARANCE_M)
-        ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
-        ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
-        top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
-        return math.ceil(top_m + ground.limits.clearance_m)
 
 
 class HeightReport(NamedTuple):
@@ -180,14 +157,14 @@ class HeightReport(NamedTuple):
     size of a pixel [cm].
     """
 
-    flights: Sequence[Heights]
+    flights: Sequence[HeightProfile]
     width_m: float
     apart_m: float | None
     gsd_cm: float | None
 
     def _joined(self, name: str) -> FloatArray:
         """An array of all profiles."""
-        return np.concatenate([getattr(each.profile, name) for each in self.flights])
+        return np.concatenate([getattr(each, name) for each in self.flights])
 
     @property
     def home_altitude_m(self) -> int:
@@ -196,7 +173,7 @@ class HeightReport(NamedTuple):
 
     def document(self) -> dict[str, Any]:
         """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
-        ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
+        ground, above_m, ground_m = self.flights[0].ground, self._joined("above_m"), self._joined("ground_m")
         line_m = ground.limits.line_m
         # pictures are as wide as their height above the ground
         widths_m = self.width_m * self._joined("overlapping_m") / line_m
@@ -204,7 +181,7 @@ class HeightReport(NamedTuple):
             "zero_m": ground.zero_m,
             "ground_m": [float(ground_m.min()), float(ground_m.max())],
             "height_m": _range(above_m),
-            "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
+            "altitudes": sum(len(each.commanded_m) for each in self.flights),
             "home_altitude_m": self.home_altitude_m,
             "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
             "side_overlap": None if self.apart_m is None else _range(1 - self.apart_m / widths_m),
@@ -273,7 +250,7 @@ class CoveragePlan:
         The camera's.
     pack : Pack or None
         A full one of the aircraft.
-    heights : Heights or None
+    heights : HeightProfile or None
         Over its terrain.
     aircraft : str
         What the energy is of.
@@ -289,7 +266,7 @@ class CoveragePlan:
     repairs: Sequence[str] = ()
     pictures: Pictures | None = None
     pack: Pack | None = None
-    heights: Heights | None = None
+    heights: HeightProfile | None = None
     aircraft: str = ""
     slower: Preflight | None = None
 
