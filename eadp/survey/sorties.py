@@ -27,9 +27,18 @@ from eadp.planning.registry import planner_class
 from eadp.survey.airspace import free_lines
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.cover import CoverageTask, held_at
-from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover
+from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, LineGrid, cover
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, PlannedSortie
-from eadp.survey.report import FULL, HeightReport, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
+from eadp.survey.report import (
+    FULL,
+    CoveragePlan,
+    HeightReport,
+    LeftGround,
+    covered_by_lines,
+    left_ground,
+    left_text,
+    rounded_deg,
+)
 from eadp.survey.swaths import CoveragePath
 
 SCHEMA: Final = "eadp.sorties/1"
@@ -171,7 +180,7 @@ class SortiePlanner:
         def planned(part: Field, *, draft: bool) -> PlannedSortie:
             covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
             part_of = replace(request, field=covered, grid=None if laps else grid)
-            return self.sortie(cover(part_of, draft=draft), part)
+            return self.sortie(self.task.planned(cover(part_of, draft=draft), part))
 
         def forecast(part: Field) -> PlannedSortie:
             """The sortie over a part: as a draft where that decides whether it can be flown."""
@@ -202,9 +211,8 @@ class SortiePlanner:
             found = found._replace(sorties=whole)
         return SortiePlan(self, ground, found)
 
-    def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
-        """A sortie along a path over a part, forecast by its planner; with `held`, at the lowest parameters."""
-        planned = self.task.planned(solution, part)
+    def sortie(self, planned: CoveragePlan, *, held: bool = True) -> PlannedSortie:
+        """A sortie by the plan of a part, forecast by its planner; with `held`, at the lowest parameters."""
         plan = held_at(planned.plan, "lo", "lo") if held else planned.plan
         given = self.overrides
         if held:  # the plan has its parameters, whatever the scenario sets at take-off
@@ -221,7 +229,7 @@ class SortiePlanner:
         if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
             share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
             spare = (inputs.mission.battery.soc - reserve_soc) * (1 - 1 / share)
-        return PlannedSortie(planned.solution, planned, inputs, found, spare)
+        return PlannedSortie(planned, inputs, found, spare)
 
     def _min_count(self, sample: FlightInputs, division: Division) -> int:
         """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
@@ -263,7 +271,7 @@ class SortiePlan:
     @cached_property
     def sorties(self) -> list[PlannedSortie]:
         """The sorties as the scenario's planner forecasts them."""
-        return [self.planner.sortie(each.solution, each.plan.field, held=False) for each in self.divided.sorties]
+        return [self.planner.sortie(each.plan, held=False) for each in self.divided.sorties]
 
     @property
     def names(self) -> list[str]:
@@ -312,7 +320,7 @@ class SortiePlan:
         keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
         for name, each in zip(self.names, self.sorties, strict=True):
             end, path = each.forecast.forecast, each.path()
-            spacing = each.forecast.parameters.get("c1") if each.solution.min_c1 < 0 else None
+            spacing = each.forecast.parameters.get("c1") if each.plan.solution.min_c1 < 0 else None
             rows.append(
                 {
                     "sortie": name,
@@ -331,7 +339,7 @@ class SortiePlan:
     def document(self) -> dict[str, Any]:
         """The values of `eadp.sorties/1`."""
         task, rows = self.planner.task, self.rows()
-        first = self.divided.sorties[0].solution
+        first = self.divided.sorties[0].plan.solution
         return {
             "schema": SCHEMA,
             "file": task.file,

@@ -357,6 +357,11 @@ def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, al
     assert eadp("plan", plan, "--check").code == 0
     fences = json.loads(eadp("export", plan, "--to", "qgc", "--origin", "55,10").out)["geoFence"]["polygons"]
     assert len(fences) == avoided, "a fence has no height"
+    given = (*limits, *wing, f"--home={home}", "--avoid", tmp_path / "pole.geojson")
+    answer = eadp("cover", *given, "--sorties", "1", "-o", tmp_path / "job")
+    assert answer.code == 0, answer.err
+    kept = [path.read_text().count("%: avoid pole height 35 ") for path in (plan, tmp_path / "job/sortie-01.plan")]
+    assert kept == [1, 1]
 
 
 @pytest.mark.slow
