@@ -38,7 +38,7 @@ from eadp.models.plan.pieces import (
     landing_pose,
 )
 from eadp.models.plan.plan import MadeFor, Plan, Site
-from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box
+from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import Profile
 from eadp.models.vehicle import Airframe
@@ -72,7 +72,7 @@ from eadp.survey.heights import (
     with_circles,
 )
 from eadp.survey.options import CoverageOptions, place_of, point_of
-from eadp.survey.plan_builder import FieldComputations, PlanCommands, build_plan
+from eadp.survey.plan_builder import FieldComputations, build_plan
 from eadp.survey.report import CoveragePlan, Pack, PathReport
 from eadp.survey.swaths import CoverageLeg, MotionLimits
 from eadp.survey.terrain import ElevationModel
@@ -348,6 +348,8 @@ class CoverageTask:
             flown, heights = over_terrain(solution, ground, self._climbing, start_m, lands=self.final)
             altitude_m = heights.commanded_m[0]
         pictures = self._pictures(solution)
+        up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
+        down_m = 0.0 if heights is None else heights.commanded_m[-1]
         plan = build_plan(
             flown,
             name=self.file,
@@ -355,7 +357,9 @@ class CoverageTask:
             min_radius_m=motion.min_radius_m,
             site=self._site(field, heights, pictures),
             altitude_m=altitude_m,
-            commands=self._commands(heights),
+            picture_m=options.picture_distance_m,
+            takeoff_m=up_m if self.from_ground else None,
+            land_m=None if self.landing is None else down_m,
         )
         if heights is None and self.home_m is not None and altitude_m is not None:
             legs = nominal_legs(plan, [plan.hull(i).hi for i in range(len(plan.parameters))])
@@ -374,18 +378,6 @@ class CoverageTask:
         sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
         number = None if distance_m is None else math.ceil(sensed_m / distance_m)
         return Pictures(options, number, self.motion.max_line_speed_mps(solution.heading_rad))
-
-    def _commands(self, heights: HeightProfile | None) -> PlanCommands:
-        """What an autopilot does: pictures, the take-off, and the landing or the return."""
-        distance_m, takeoff, ending = self.options.picture_distance_m, None, None
-        if self.from_ground:
-            # a height of 0 is that of the plan
-            up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
-            takeoff, ending = _command(TAKEOFF, up_m), _command(RETURN)
-        if self.landing is not None:
-            ending = _command(LAND, 0.0 if heights is None else heights.commanded_m[-1])
-        on_and_off = None if distance_m is None else (_trigger(distance_m), _trigger(0.0))
-        return PlanCommands(on_and_off, takeoff, ending)
 
     def _site(self, field: Field, heights: HeightProfile | None, pictures: Pictures | None) -> Site:
         """What the plan carries of its mission."""
@@ -410,16 +402,6 @@ class CoverageTask:
 
 def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:
     return tuple((round(x, 3), round(y, 3)) for x, y in points)
-
-
-def _trigger(distance_m: float) -> tuple[float, ...]:
-    """The command to take a picture every so many metres; 0 for none."""
-    return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def _command(command: int, height_m: float = 0.0) -> tuple[float, ...]:
-    """A command that has a height alone [m]."""
-    return (command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
 
 
 def _limited_field(file: str, options: CoverageOptions) -> tuple[Field, list[str]]:
