@@ -138,7 +138,7 @@ def measure(job: dict[str, Any], index: int, seconds: int) -> dict[str, Any]:
             "took_s": took_s,
             "time_s": sum(each.plan.solution.time_s for each in plan.divided.sorties),
             "routing": by_routing(plan, seconds) if seconds else None,
-            "planned": plan.coverage,
+            "planned": plan.covered.share,
         }
         flown = eadp.simulate_sorties(folder / "job", seed=index, warn=lambda _: None)
         summary = flown.summary

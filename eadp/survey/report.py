@@ -33,49 +33,6 @@ FULL = 0.9999
 """Share of a field from which on it counts as covered."""
 
 
-@dataclass(frozen=True)
-class PathReport:
-    """A coverage path at one value of c1.
-
-    `spacing_m` is the distance of its lines, None for a single one; `energy_wh` is its forecast, None without one.
-    """
-
-    c1: float
-    path: CoveragePath
-    spacing_m: float | None
-    coverage: float
-    time_s: float
-    energy_wh: float | None = None
-
-    @classmethod
-    def of(cls, solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float) -> PathReport:
-        """The report of a solution, for a field, at a fixed c1."""
-        path, spacing_m = solution.path(c1), None
-        # places across the lines; those of one line twice are equal to a centimetre
-        sin, cos = math.sin(solution.heading_rad), math.cos(solution.heading_rad)
-        places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
-        if solution.blocks:
-            spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1))
-        elif len(places) > 1:
-            spacing_m = statistics.median(b - a for a, b in itertools.pairwise(places))
-        return cls(c1, path, spacing_m, covered_by_lines(path, field, motion.swath_m), motion.time_s(path.pieces))
-
-    @property
-    def length_m(self) -> float:
-        """Length of the path [m]."""
-        return self.path.length_m
-
-    @property
-    def lines(self) -> int:
-        """The number of its lines."""
-        return self.path.lines
-
-
-def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
-    """Share of a field that the lines of a path cover; turns cover nothing."""
-    return covered_share(field.parts, path.sensed_m, swath_m)
-
-
 def rounded_deg(heading_rad: float, digits: int) -> float:
     """The compass bearing of a heading, rounded [°]."""
     return round(compass_deg(heading_rad), digits) % 360
@@ -142,6 +99,72 @@ def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None
 def area_text(area_m2: float) -> str:
     """An area, for people."""
     return f"{area_m2 / 1e4:.2f} ha" if area_m2 >= 1000 else f"{area_m2:.0f} m²"
+
+
+@dataclass(frozen=True)
+class Covered:
+    """What the lines of a path cover of a field, and what they leave; turns cover nothing."""
+
+    field: Field
+    path: CoveragePath
+    swath_m: float
+
+    @cached_property
+    def share(self) -> float:
+        """Share of the field."""
+        return covered_share(self.field.parts, self.path.sensed_m, self.swath_m)
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places that they leave; none where the field counts as covered."""
+        return [] if self.share >= FULL else left_ground(self.field.parts, self.path.sensed_m, self.swath_m)
+
+    def lines(self) -> list[str]:
+        """What they leave, for people, line by line."""
+        return left_text(self.left, 1 - self.share, self.field.origin_deg)
+
+
+@dataclass(frozen=True)
+class PathReport:
+    """A coverage path at one value of c1.
+
+    `spacing_m` is the distance of its lines, None for a single one; `energy_wh` is its forecast, None without one.
+    """
+
+    c1: float
+    path: CoveragePath
+    covered: Covered
+    spacing_m: float | None
+    time_s: float
+    energy_wh: float | None = None
+
+    @classmethod
+    def of(cls, solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float) -> PathReport:
+        """The report of a solution, for a field, at a fixed c1."""
+        path, spacing_m = solution.path(c1), None
+        # places across the lines; those of one line twice are equal to a centimetre
+        sin, cos = math.sin(solution.heading_rad), math.cos(solution.heading_rad)
+        places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
+        if solution.blocks:
+            spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1))
+        elif len(places) > 1:
+            spacing_m = statistics.median(b - a for a, b in itertools.pairwise(places))
+        return cls(c1, path, Covered(field, path, motion.swath_m), spacing_m, motion.time_s(path.pieces))
+
+    @property
+    def coverage(self) -> float:
+        """Share of the field that it covers."""
+        return self.covered.share
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path [m]."""
+        return self.path.length_m
+
+    @property
+    def lines(self) -> int:
+        """The number of its lines."""
+        return self.path.lines
 
 
 # --- heights above ground
@@ -285,12 +308,10 @@ class CoveragePlan:
         """The plan as text."""
         return plan_text(self.plan)
 
-    @cached_property
+    @property
     def left(self) -> list[LeftGround]:
         """The places that are not covered, at the coarsest spacing."""
-        if self.least.coverage >= FULL:
-            return []
-        return left_ground(self.field.parts, self.least.path.sensed_m, self.motion.swath_m)
+        return self.least.covered.left
 
     @property
     def on_ground(self) -> tuple[float, float | None, float | None]:
@@ -404,7 +425,7 @@ class CoveragePlan:
             kept = [f"out of {counted(len(obstacles), 'obstacle')}"] if obstacles else []
             kept += ["inside the boundary"] if boundary else []
             lines.append(f"stays      {' and '.join(kept)}")
-        lines += left_text(self.left, 1 - self.least.coverage, field.origin_deg)
+        lines += self.least.covered.lines()
         tightest = self._min_radius_m
         wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
         lead_in = f"; straight for {self.motion.lead_in_m:g} m before each line" if self.motion.lead_in_m else ""

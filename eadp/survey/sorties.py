@@ -29,16 +29,7 @@ from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.cover import CoverageTask, held_at
 from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, LineGrid, cover
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, PlannedSortie
-from eadp.survey.report import (
-    FULL,
-    CoveragePlan,
-    HeightReport,
-    LeftGround,
-    covered_by_lines,
-    left_ground,
-    left_text,
-    rounded_deg,
-)
+from eadp.survey.report import CoveragePlan, Covered, HeightReport, rounded_deg
 from eadp.survey.swaths import CoveragePath
 
 SCHEMA: Final = "eadp.sorties/1"
@@ -290,21 +281,10 @@ class SortiePlan:
         return HeightReport(heights, width_m, apart_m, gsd_cm)
 
     @cached_property
-    def _path(self) -> CoveragePath:
-        """The legs of all sorties."""
-        return CoveragePath(tuple(leg for sortie in self.sorties for leg in sortie.path().legs))
-
-    @cached_property
-    def coverage(self) -> float:
-        """Share of the ground that the sorties' lines cover."""
-        return covered_by_lines(self._path, self.ground, self.planner.task.motion.swath_m)
-
-    @cached_property
-    def left(self) -> list[LeftGround]:
-        """The places of the ground that they leave uncovered."""
-        if self.coverage >= FULL:
-            return []
-        return left_ground(self.ground.parts, self._path.sensed_m, self.planner.task.motion.swath_m)
+    def covered(self) -> Covered:
+        """What their lines cover of the ground."""
+        path = CoveragePath(tuple(leg for sortie in self.sorties for leg in sortie.path().legs))
+        return Covered(self.ground, path, self.planner.task.motion.swath_m)
 
     @property
     def pictures(self) -> Pictures | None:
@@ -353,8 +333,8 @@ class SortiePlan:
             "energy_wh": sum(row["energy_wh"] for row in rows),
             "length_m": sum(row["length_m"] for row in rows),
             "time_s": sum(row["time_s"] for row in rows),
-            "coverage": self.coverage,
-            "left": [each.document(task.field.origin_deg) for each in self.left],
+            "coverage": self.covered.share,
+            "left": [each.document(task.field.origin_deg) for each in self.covered.left],
             "overlap_m": OVERLAP_M,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
@@ -378,7 +358,7 @@ class SortiePlan:
         ]
         lines += [] if self.pictures is None else self.pictures.lines()
         lines += [] if self._heights is None else self._heights.text()
-        lines += left_text(self.left, 1 - self.coverage, task.field.origin_deg)
+        lines += self.covered.lines()
         lines += [task.motion.wind_text, f"aircraft   {setting_text(scenario)}", f"counts     {losses_text(scenario)}"]
         table = [["sortie", "lines", "km", "time", "energy", "lands with", "keeps the reserve"]]
         for row in document["sorties"]:
