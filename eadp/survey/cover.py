@@ -258,16 +258,15 @@ class CoverageTask:
         return given._replace(obstacles=tuple(high))
 
     @property
-    def flown_over(self) -> list[str]:
-        """What is said of obstacles that are flown over."""
+    def notes(self) -> list[str]:
+        """Repairs made to the field, and what is said of obstacles that are flown over."""
         over = [each for each in self.field.airspace.obstacles if each not in self.airspace.obstacles]
         highest = max(over, key=lambda each: each.height_m or 0.0, default=None)
         if highest is None:
-            return []
+            return [*self.repairs]
         many = "an obstacle is" if len(over) == 1 else f"{len(over)} obstacles are"
-        return [
-            f"{many} flown over at {self.options.altitude_m:g} m, the highest {highest.name} of {highest.height_m:g} m"
-        ]
+        said = f"{many} flown over at {self.options.altitude_m:g} m"
+        return [*self.repairs, f"{said}, the highest {highest.name} of {highest.height_m:g} m"]
 
     @cached_property
     def request(self) -> CoverageRequest:
@@ -367,8 +366,7 @@ class CoverageTask:
             plan = replace(plan, site=plan.site._replace(home_altitude_m=clear_m))
         site_field, c1s = replace(field, airspace=self.airspace), dict.fromkeys((0.0, solution.min_c1))
         ends = tuple(PathReport.of(solution, site_field, motion, c1) for c1 in c1s)
-        notes = [*self.repairs, *self.flown_over]
-        return CoveragePlan(plan, site_field, motion, solution, ends, notes, pictures, self.pack, heights)
+        return CoveragePlan(plan, site_field, motion, solution, ends, self.notes, pictures, self.pack, heights)
 
     def _pictures(self, solution: CoverageSolution) -> Pictures | None:
         """The camera's pictures along a path; None without a camera."""

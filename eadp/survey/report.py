@@ -267,7 +267,7 @@ class CoveragePlan:
         The path.
     ends : tuple of PathReport
         At c1 = 0, and at the lowest c1 if that is another.
-    repairs : sequence of str
+    notes : sequence of str
         Repairs made to the field, and what is flown over.
     pictures : Pictures or None
         The camera's.
@@ -286,7 +286,7 @@ class CoveragePlan:
     motion: MotionLimits
     solution: CoverageSolution
     ends: tuple[PathReport, ...]
-    repairs: Sequence[str] = ()
+    notes: Sequence[str] = ()
     pictures: Pictures | None = None
     pack: Pack | None = None
     heights: HeightProfile | None = None
@@ -379,7 +379,7 @@ class CoveragePlan:
             "origin_deg": origin_deg,
             "field": {"name": self.field.name, "area_m2": self.field.area_m2},
             "left": [each.document(origin_deg) for each in self.left],
-            "normalised": list(self.repairs),
+            "normalised": list(self.notes),
             "plan": self.text,
             **energy,
             "side_overlap": self._side_overlaps,

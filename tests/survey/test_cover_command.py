@@ -243,7 +243,9 @@ def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
 def test_repairs_are_noted(eadp, tmp_path):
     path = tmp_path / "field.csv"
     path.write_text("x_m,y_m\n0,0\n0,300\n400,300\n450,350\n400,300\n400,0\n")
-    assert "note: 1 outline that crossed or touched itself repaired" in eadp("cover", path, *FLAGS).err
+    for sorties in ((), ("--home=-50,0", "--sorties", "1", "--vehicle", "vehicles/foam-wing.yaml")):
+        answer = eadp("cover", path, *FLAGS, *sorties)
+        assert "note: 1 outline that crossed or touched itself repaired" in answer.err
     document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
     assert len(document["normalised"]) == 1
 
