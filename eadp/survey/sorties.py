@@ -105,6 +105,8 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
+        if self.task.options.start is not None:
+            raise InputError.at("--start", 1, 1, "sorties start and end at home", "no --start")
         if request.pattern not in PATTERNS:
             expected = f"one of {', '.join(PATTERNS)}"
             raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
@@ -115,7 +117,7 @@ class SortiePlanner:
             alone = replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
             whole = cover(alone, draft=True)
             request = replace(request, pattern=whole.pattern, heading_rad=whole.heading_rad)
-        return replace(request, start_m=request.home_m)
+        return request
 
     @property
     def heading_rad(self) -> float:
