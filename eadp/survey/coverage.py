@@ -695,15 +695,15 @@ def check_access(request: CoverageRequest) -> None:
     whole = next(_lines_at(request, heading_rad))[::2]
     lines = [leg.led(request.motion) for leg in free_lines(whole, request.space, request.motion)]
     starts, ends = [leg.start for leg in lines], [leg.end for leg in lines]
-    # for the start and the end: its place, the times between it and each line, and what finds a free way to one
-    ways: tuple[tuple[Point | Pose | None, FloatArray, Callable[[int], object]], ...] = (
-        (request.way_out, from_start_s(request, starts), lambda k: _entry(request, starts[k])),
-        (request.way_back, to_home_s(request, ends), lambda k: _exit(request, ends[k])),
+    # for the start and the end: its place, the poses of the lines there, the times between, and what finds a free way
+    ways = (
+        (request.way_out, starts, from_start_s(request, starts), _entry),
+        (request.way_back, ends, to_home_s(request, ends), _exit),
     )
-    for end, times_s, find_way in ways if lines else ():
+    for end, poses, times_s, find_way in ways if lines else ():
         for k in np.argsort(times_s)[:ACCESS_TRIED].tolist():
             with suppress(Infeasible):
-                find_way(k)
+                find_way(request, poses[k])
                 break
         else:  # none of the nearest lines has a free way
             assert end is not None  # else any way is free

@@ -13,8 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -243,10 +242,7 @@ class Divider:
     forecast: Callable[[Field], PlannedSortie]
     cuts: bool = True
     on_part: Callable[[str], None] = lambda _: None
-
-    @cached_property
-    def _known(self) -> dict[Interval, PlannedSortie]:
-        return {}
+    _known: dict[Interval, PlannedSortie] = field(default_factory=dict)
 
     def fewest(self, min_count: int) -> Divided:
         """The division into the fewest sorties found that can all be flown, `min_count` or more.
