@@ -31,7 +31,7 @@ from eadp.plug_ins import plug_in
 from eadp.survey.airspace import FreeTurns, NotFree, free_lines, free_order
 from eadp.survey.line_order import LineCosts, best_order, quick_order
 from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle
-from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts
+from eadp.survey.zamboni import Block, BlockLayout, build_block, layouts
 
 ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
 
@@ -424,10 +424,10 @@ def _chains(request: CoverageRequest, heading_rad: float, layout: BlockLayout, c
     for towards, hand in ((1, 1), (1, -1), (-1, 1), (-1, -1))[:corners]:
         frame = frame_of(heading_rad, towards, hand)
         points = frame.into(outline)
-        bounds, left_m = BlockBounds(points, motion.lead_in_m), float(points[:, 0].min())
+        left_m = float(points[:, 0].min())
         for index, row in enumerate(rows[::towards]):
             first_m = left_m + (index * layout.lines + 0.5) * layout.pitch_m
-            row.append(build_block(frame, bounds, first_m, layout, motion))
+            row.append(build_block(frame, points, first_m, layout, motion))
     own_s = [[motion.time_s([leg.piece for leg in block.legs(block.min_c1)]) for block in row] for row in rows]
     for order in (1, -1)[: min(layout.blocks, 2)]:
         yield _Chain(*_quickest_chain(request, rows[::order], own_s[::order]), heading_rad)

@@ -28,8 +28,8 @@ from eadp.models.plan.pieces import (
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box, LoopVariable, Segment, Stage, Title
 from eadp.survey.coverage import CoverageSolution
-from eadp.survey.swaths import CoverageLeg, PiecewiseLinear, StripFrame
-from eadp.survey.zamboni import END_TOLERANCE_M, Block
+from eadp.survey.swaths import CoverageLeg, StripFrame
+from eadp.survey.zamboni import END_TOLERANCE_M, Block, PiecewiseLinear
 
 START_M = 100.0
 """Distance of the default start before the first trigger: a first stage of this length starts with the first line."""
