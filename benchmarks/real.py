@@ -45,6 +45,7 @@ from eadp.cli.main import main as main_of
 from eadp.core import compiled
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import EadpError, InputError
+from eadp.exchange.field_reader import read_field, read_field_text
 from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
@@ -52,7 +53,6 @@ from eadp.measure.power_log import Columns
 from eadp.measure.recordings import read_recording
 from eadp.planning.forecast.evaluate import OVERSHOOT_SHARE
 from eadp.simulation.loop import Outcome, fly
-from eadp.survey.field_reader import read_field, read_field_text
 
 # ruff: noqa: E501
 SHARED = Path(__file__).resolve().parents[2] / "shared/reference"

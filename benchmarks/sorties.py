@@ -94,7 +94,7 @@ def by_routing(plan: SortiePlan, seconds: int) -> tuple[int, float] | None:
     # the time that a pack lasts, as the forecasts of the sorties have it
     sorties = [(each, each.forecast.forecast.remaining_s or 0.0) for each in plan.divided.sorties]
     pack_s = statistics.median(time_s * (1 + each.spare / each.used) for each, time_s in sorties)
-    climb_s = statistics.median(time_s - each.solution.time_s for each, time_s in sorties)
+    climb_s = statistics.median(time_s - each.plan.solution.time_s for each, time_s in sorties)
     n = len(directed)
     times = np.zeros((n + 1, n + 1))
     times[1:, 1:] = between + own[None, :]
@@ -136,9 +136,9 @@ def measure(job: dict[str, Any], index: int, seconds: int) -> dict[str, Any]:
             "name": job["name"],
             "count": len(plan.sorties),
             "took_s": took_s,
-            "time_s": sum(each.solution.time_s for each in plan.divided.sorties),
+            "time_s": sum(each.plan.solution.time_s for each in plan.divided.sorties),
             "routing": by_routing(plan, seconds) if seconds else None,
-            "planned": plan.coverage,
+            "planned": plan.covered.share,
         }
         flown = eadp.simulate_sorties(folder / "job", seed=index, warn=lambda _: None)
         summary = flown.summary

@@ -26,6 +26,11 @@ def printable(text: str, limit: int = 200) -> str:
     return shown if len(shown) <= limit else shown[:limit] + "…"
 
 
+def counted(count: int, noun: str) -> str:
+    """A count with its noun: "1 hole", "2 holes"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def one_of(known: Iterable[str], given: str) -> str:
     """What is expected where one of some names is: them, and the one that what was given looks like."""
     import difflib

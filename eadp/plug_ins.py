@@ -6,7 +6,7 @@
 | `plan_sources` | any | a `PlanSource`: it recognises texts and reads them as plans |
 | `plan_changes` | of an option of `eadp plan` | a function from a plan and the option's file to the plan and notes |
 | `grounds` | `files` | a function from `--terrain`'s files to a `Ground`, the heights of points |
-| `fences` | any | a function from a text to the fences in it as (inside, corners °, place); None where it has no such |
+| `fields` | `files` | reads a field, its obstacles and its boundary for `eadp cover` |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `log_tables` | `autopilot` | reads topics of an autopilot's log as tables, for `eadp replan` and sorties |
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
@@ -55,9 +55,9 @@ OWN: dict[str, dict[str, str]] = {
         "schema": "eadp.cli.schema:command",
     },
     "plan_sources": {"mission": "eadp.exchange.reader:MISSION"},
-    "plan_changes": {"avoid": "eadp.survey.field_reader:avoid", "inside": "eadp.survey.field_reader:inside"},
+    "plan_changes": {"avoid": "eadp.exchange.field_reader:avoid", "inside": "eadp.exchange.field_reader:inside"},
     "grounds": {"files": "eadp.survey.terrain:ground_of"},
-    "fences": {"mission": "eadp.exchange.reader:mission_fences"},
+    "fields": {"files": "eadp.exchange.field_reader:limited_field"},
     "plan_writers": {"sympy": "eadp.check.proof:sympy_text", "latex": "eadp.check.proof:latex_text"},
     "log_tables": {"autopilot": "eadp.measure.autopilot_logs:read_tables"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument
 
 from eadp.cli.output import emit, emit_json, warn
+from eadp.errors import ExpressionError, InputError, PathUndefined, counted
 from eadp.io.text.options import Flag, check_range
 from eadp.plug_ins import plug_in
 
@@ -86,7 +87,6 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.api.plan import check_plan
-    from eadp.errors import InputError, PathUndefined
     from eadp.io.plan.writer import parameters_of, plan_text
 
     trace, plot = options.trace_m, options.plot
@@ -212,7 +212,6 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
 def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
     """A stage's path and trigger in the first lap, the loop variables substituted."""
     from eadp.core.expressions.tree import substituted
-    from eadp.errors import ExpressionError
 
     if stage.segment is None or not stage.segment.variables:
         return stage.path, stage.trigger
@@ -258,7 +257,6 @@ def _number_or_text(part: Any) -> float | str:
 def _items(plan: Plan) -> list[str]:
     """The items of a mission that is flown in one way: how far to each, where it is, and what is held; else nothing."""
     from eadp.core.geometry.geodesy import point_text
-    from eadp.errors import PathUndefined
     from eadp.models.plan.trace import nominal_legs
 
     if plan.parameters or not any(stage.item for stage in plan.stages):
@@ -282,8 +280,7 @@ def _table(plan: Plan) -> str:
     """A plan as a text table."""
     from eadp.core.expressions.tree import number_text
 
-    n = len(plan.stages)
-    lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
+    lines = [counted(len(plan.stages), "stage") + _structure(plan)]
     if items := _items(plan):
         return "\n".join([*lines, *items])
     if plan.shift is not None:

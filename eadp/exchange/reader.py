@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eadp.core.geometry.curves import Point
-from eadp.errors import Fault, InputError, printable, refuse
+from eadp.errors import Fault, InputError, counted, printable, refuse
 from eadp.exchange.items import (
     ABSOLUTE,
     FOR_FENCE,
@@ -481,7 +481,7 @@ def _rows(source: Text) -> list[DraftItem]:
 def _row_faults(row: Row) -> list[Fault]:
     count = len(row.fields)
     if count != COLUMNS:
-        message = f"a row of {count} column{'s' if count != 1 else ''}"
+        message = f"a row of {counted(count, 'column')}"
         return [row.fault(0 if count < COLUMNS else COLUMNS, message, _ROWS)]
     faults = [
         row.fault(i, *wrong)

@@ -13,6 +13,7 @@ import numpy as np
 from eadp.core.arrays import Column
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
+from eadp.errors import counted
 from eadp.io.scenario import Scenario, battery_keys
 from eadp.models.airspace import BOUNDARY, risk_text
 from eadp.models.battery import LOSS
@@ -175,8 +176,7 @@ def parameter_text(values: Mapping[str, Any]) -> str:
     first, last, changes = value_of(values, "first"), value_of(values, "last"), values["changes"]
     if not changes:
         return f"{first}, no change"
-    changed = f"{changes} change{'s' if changes > 1 else ''}"
-    return f"mean {value_of(values, 'mean')}, first {first}, last {last}, {changed}"
+    return f"mean {value_of(values, 'mean')}, first {first}, last {last}, {counted(changes, 'change')}"
 
 
 MAX_INTERVAL_S = 2.0

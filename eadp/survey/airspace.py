@@ -10,7 +10,6 @@ Source: Dubins 1957 for the turns; Dellin and Srinivasa 2016 for edges that are 
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -38,9 +37,6 @@ MAX_CORNERS = 48
 
 MAX_BLOCKED = 60
 """Most orders tried that have a turn without a free way. Other orders run out: each turn is checked once."""
-
-AT_ONCE = 6
-"""Turns from a corner that are checked at once, the most likely ones."""
 
 MIN_GAIN = 1e-6
 """Least share of the time that another order saves: less is rounding."""
@@ -159,49 +155,54 @@ class FreeTurns:
     def _around(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found around corners; None where none is.
 
-        By A* over stops: the corners, poses after a half circle from the start and before one to the end, the end.
+        Over stops: the corners, poses after a half circle from the start and before one to the end. The turns of the
+        quickest way are checked, and the way is found again, until all of its turns are free.
         """
         if np.ptp(self.space.rooms([start[:2], end[:2]])):
             return None
         # a line has room for a half circle at either end: one leads away from it, and one leads to it
         back = (*end[:2], end[2] + math.pi)
         turned = [half_circle(pose, self.motion.min_radius_m, side).end for pose in (start, back) for side in (1, -1)]
-        stops = [*self._corners, *turned[:2], *((x, y, heading + math.pi) for x, y, heading in turned[2:]), end]
-        # min_s[a][b]: a lower bound of the time from stop a to stop b, that of the turn where nothing is in the way
-        own = stops[len(self._corners) :]
-        to_corners = np.vstack([self._apart_s, self.motion.turns_s([*own, start], self._corners)])
-        min_s = np.hstack([to_corners, self.motion.turns_s([*stops, start], own)]).tolist()
-        left_s = [row[-1] for row in min_s]  # a lower bound of the time from each stop to the end
-        done: set[int] = set()
-        count, last = itertools.count(), len(stops) - 1
-        stops.append(start)
-        # an entry: lower bound of the whole way [s]; number, as poses have no order; time to a stop [s],
-        # the stop, the pieces of the way there; and None, or the stop to go on to by a turn that is not yet checked
-        queue: list[tuple[float, int, float, int, tuple[Piece, ...], int | None]]
-        queue = [(0.0, next(count), 0.0, last + 1, (), None)]
-        while queue:
-            _, _, time_s, here, pieces, there = heapq.heappop(queue)
-            if there is not None:  # the turn is checked only now that it comes first
-                if there not in done and (leg := self.direct(stops[here], stops[there])) is not None:
-                    then_s = time_s + leg.time_s
-                    way = (*pieces, *leg.pieces)
-                    heapq.heappush(queue, (then_s + left_s[there], next(count), then_s, there, way, None))
-            elif here == last:
-                return FreeTurn(time_s, pieces)
-            elif here not in done:
-                done.add(here)
-                # the most likely turns from here, checked together, which is quicker
-                bounds_s = np.add(min_s[here], left_s[:-1])
-                self.find_direct((stops[here], stops[to]) for to in np.argsort(bounds_s)[:AT_ONCE] if to not in done)
-                for to, to_s in enumerate(min_s[here]):
-                    if to not in done:
-                        heapq.heappush(queue, (time_s + to_s + left_s[to], next(count), time_s, here, pieces, to))
+        own = [*turned[:2], *((x, y, heading + math.pi) for x, y, heading in turned[2:]), end, start]
+        stops = [*self._corners, *own]
+        # of each turn the time with nothing in the way, a lower bound; once checked, that of the free turn
+        to_corners = np.vstack([self._apart_s, self.motion.turns_s(own, self._corners)])
+        times_s = np.hstack([to_corners, self.motion.turns_s(stops, own)])
+        checked: set[tuple[int, int]] = set()
+        while turns := [*itertools.pairwise(_quickest_way(times_s))]:
+            unchecked = set(turns) - checked
+            if not unchecked:
+                free = [turn for a, b in turns if (turn := self.direct(stops[a], stops[b])) is not None]
+                pieces = itertools.chain.from_iterable(turn.pieces for turn in free)
+                return FreeTurn(sum(turn.time_s for turn in free), tuple(pieces))
+            self.find_direct((stops[a], stops[b]) for a, b in unchecked)
+            for a, b in unchecked:
+                found = self.direct(stops[a], stops[b])
+                times_s[a, b] = math.inf if found is None else found.time_s
+            checked |= unchecked
         return None
 
     @cached_property
     def _apart_s(self) -> FloatArray:
         """Times of the quickest turns from each corner to each, with nothing in the way [s]."""
         return self.motion.turns_s(self._corners, self._corners)
+
+
+def _quickest_way(times_s: FloatArray) -> list[int]:
+    """Stops of the quickest way from the last to the last but one, by times from each to each [s]; one without a way.
+
+    Source: Bellman 1958.
+    """
+    end, start = len(times_s) - 2, len(times_s) - 1
+    left_s, following = np.full(len(times_s), np.inf), np.full(len(times_s), end)
+    left_s[end] = 0.0
+    while (quicker := (times_s + left_s).min(axis=1) < left_s).any():
+        following[quicker] = (times_s + left_s)[quicker].argmin(axis=1)
+        left_s[quicker] = (times_s + left_s)[quicker].min(axis=1)
+    way = [start]
+    while math.isfinite(left_s[start]) and way[-1] != end:
+        way.append(int(following[way[-1]]))
+    return way
 
 
 def free_order(

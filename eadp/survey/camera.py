@@ -17,11 +17,12 @@ from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import STRICT, keys_document, validated, without_nulls
 from eadp.models.plan.plan import SurveyCamera
-from eadp.survey.features import NAME_LIMIT
 
 MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
 """Sensors have from 2 mm (of thermal cameras) to 100 mm, lenses from 1.5 mm to 800 mm: metres are refused [mm]."""
 MAX_PIXELS = 100_000
+MAX_NAME = 100
+"""Most characters of a camera's name."""
 MIN_GSD_CM, MAX_GSD_CM = 0.1, 1e3
 """No aircraft in flight resolves a millimetre: most pixels in metres are refused [cm]."""
 MAX_OVERLAP = 99.0
@@ -195,7 +196,7 @@ class CameraOptions:
         """
         camera = Camera() if self.camera is None else read_camera(self.camera)
         values = {key: getattr(each, key) for each in (camera, self) for key in _CAMERA_KEYS if getattr(each, key)}
-        found = replace(self, camera=printable(" ".join(camera.name.split()), NAME_LIMIT) or None, **values)
+        found = replace(self, camera=printable(" ".join(camera.name.split()), MAX_NAME) or None, **values)
         if self.gsd_cm is None:
             return found
         if self.altitude_m is not None:

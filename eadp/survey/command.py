@@ -107,7 +107,7 @@ def command(
         try:
             plan = cover_in_sorties(file, options, division, **files, on_part=progress.show, warn=warn)
             progress.close()
-            warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.flown_over])
+            warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.notes])
             return _sorties(plan, output, wanted)
         except Infeasible as error:
             warn([Fault(name, 1, 1, str(error), error.advice or "a nearer home, a larger pack, or less wind")])
@@ -131,7 +131,7 @@ def command(
     if wanted == "json":
         emit_json(found.document)
         return 0
-    warn([Fault(name, 1, 1, note, severity="note") for note in found.repairs])
+    warn([Fault(name, 1, 1, note, severity="note") for note in found.notes])
     written = [f"written    {out}"] if out else []
     emit(found.text if wanted == "plan" else "\n".join([*found.lines, *written]))
     return 0

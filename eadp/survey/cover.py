@@ -10,13 +10,15 @@ from functools import cached_property
 from os import PathLike
 from typing import Any, Literal
 
+import numpy as np
+
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import clear_home_m, load_flight
 from eadp.api.vehicle import read_profile
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.errors import Fault, Infeasible, InputError, one_of, printable, refuse
+from eadp.errors import Fault, Infeasible, InputError, one_of, refuse
 from eadp.io.flight import setting_text
 from eadp.io.scenario import read_scenario
 from eadp.io.text.options import check_range
@@ -36,21 +38,29 @@ from eadp.models.plan.pieces import (
     landing_pose,
 )
 from eadp.models.plan.plan import MadeFor, Plan, Site
-from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box
+from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import Profile
 from eadp.models.vehicle import Airframe
+from eadp.plug_ins import plug_in
 from eadp.survey.camera import MAX_ALTITUDE_M, Pictures, option_fault
-from eadp.survey.coverage import PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
+from eadp.survey.coverage import (
+    AUTO,
+    DUBINS,
+    PATTERNS,
+    ZAMBONI,
+    CoverageRequest,
+    CoverageSolution,
+    check_access,
+    has_pattern,
+)
 from eadp.survey.coverage import cover as cover_field
-from eadp.survey.features import NAME_LIMIT
-from eadp.survey.field_reader import read_airspace, read_field, read_field_text
 from eadp.survey.heights import (
     Climbing,
     FinalApproach,
     Ground,
+    HeightProfile,
     Lack,
-    TerrainTask,
     check_approach,
     clear_circle,
     climb_lack,
@@ -62,9 +72,10 @@ from eadp.survey.heights import (
     with_circles,
 )
 from eadp.survey.options import CoverageOptions, place_of, point_of
-from eadp.survey.plan_builder import FieldComputations, PlanCommands, build_plan
-from eadp.survey.report import CoveragePlan, Heights, Pack, PathReport
+from eadp.survey.plan_builder import FieldComputations, build_plan
+from eadp.survey.report import CoveragePlan, Pack, PathReport
 from eadp.survey.swaths import CoverageLeg, MotionLimits
+from eadp.survey.terrain import ElevationModel
 
 FLAT_M = 1000.0
 """Extent of a field from which on it is said that its ground is taken as flat [m]."""
@@ -116,15 +127,25 @@ class CoverageTask:
         return float(max(max(x) - min(x), max(y) - min(y)))
 
     @cached_property
-    def terrain(self) -> TerrainTask | None:
+    def terrain(self) -> ElevationModel | None:
         """The ground to follow, if one is given. Raises InputError of its files and options."""
-        options = self.options
-        ends = point_of("--start", options.start, self.field), self.home_m
-        found = TerrainTask.read(options, options.altitude_m, options.clearance_m, self.field, ends)
+        ends = point_of("--start", self.options.start, self.field), self.home_m
+        found = self.options.elevations(self.field, ends)
         if found is not None and not self.airframe.takes_commands:
             message = f"the airframe {self.airframe.model} holds its own altitude"
             raise option_fault("--terrain", "", message, "another --vehicle")
         return found
+
+    def _ground(self, field: Field, apart_m: float, home_m: Point) -> Ground | None:
+        """The ground of a flight along lines so far apart whose altitudes are 0 at home [m]; None without a terrain.
+
+        Raises Infeasible where its height there is not known.
+        """
+        if self.terrain is None:
+            return None
+        zero_m = round(float(self.terrain.known_m(np.array([home_m]))[0]), 2)  # as a plan has it
+        limits = self.options.height_limits
+        return Ground(self.terrain, home_m, zero_m, limits, self.motion, apart_m, field.airspace)
 
     @cached_property
     def home_m(self) -> Point | None:
@@ -190,9 +211,8 @@ class CoverageTask:
         request = self._request(final)
         request.check()
         check_access(request)
-        ground = None
-        if self.terrain is not None:
-            ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, self.landing[:2])
+        ground = self._ground(self.field, self.motion.swath_m, self.landing[:2])
+        if ground is not None:
             check_approach(final, ground)
         circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), request.space)
         return final._replace(
@@ -238,16 +258,15 @@ class CoverageTask:
         return given._replace(obstacles=tuple(high))
 
     @property
-    def flown_over(self) -> list[str]:
-        """What is said of obstacles that are flown over."""
+    def notes(self) -> list[str]:
+        """Repairs made to the field, and what is said of obstacles that are flown over."""
         over = [each for each in self.field.airspace.obstacles if each not in self.airspace.obstacles]
         highest = max(over, key=lambda each: each.height_m or 0.0, default=None)
         if highest is None:
-            return []
+            return [*self.repairs]
         many = "an obstacle is" if len(over) == 1 else f"{len(over)} obstacles are"
-        return [
-            f"{many} flown over at {self.options.altitude_m:g} m, the highest {highest.name} of {highest.height_m:g} m"
-        ]
+        said = f"{many} flown over at {self.options.altitude_m:g} m"
+        return [*self.repairs, f"{said}, the highest {highest.name} of {highest.height_m:g} m"]
 
     @cached_property
     def request(self) -> CoverageRequest:
@@ -259,7 +278,11 @@ class CoverageTask:
         options = self.options
         ends = point_of("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern)
+        pattern = options.pattern
+        if self.terrain is not None and pattern == ZAMBONI:
+            raise Infeasible("laps have one altitude, and do not follow a terrain", "--pattern dubins")
+        if self.terrain is not None and pattern == AUTO:
+            pattern = DUBINS
         return CoverageRequest(
             self.field,
             self.motion,
@@ -315,15 +338,17 @@ class CoverageTask:
         """The plan of a path over the field, or over a part of it, which circles up to its first line."""
         field, options, motion = field or self.field, self.options, self.motion
         home_m = self.home_m or solution.path(0.0).legs[0].start[:2]
-        ground, heights = None, None
-        if self.terrain is not None:
-            ground = self.terrain.ground(field, motion, self.request.order_spacing_m or motion.swath_m, home_m)
+        ground, heights = self._ground(field, self.request.order_spacing_m or motion.swath_m, home_m), None
         flown = solution = self._with_circles(solution, ground)
         altitude_m = None if options.altitude_m is None else round(options.altitude_m, 3)
         if ground is not None:
-            flown, heights = self._over(ground, solution, home_m)
-            altitude_m = heights.profile.commanded_m[0]
+            assert self._climbing is not None  # else `terrain` is refused
+            start_m = 0.0 if self.from_ground else None
+            flown, heights = over_terrain(solution, ground, self._climbing, start_m, lands=self.final)
+            altitude_m = heights.commanded_m[0]
         pictures = self._pictures(solution)
+        up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
+        down_m = 0.0 if heights is None else heights.commanded_m[-1]
         plan = build_plan(
             flown,
             name=self.file,
@@ -331,7 +356,9 @@ class CoverageTask:
             min_radius_m=motion.min_radius_m,
             site=self._site(field, heights, pictures),
             altitude_m=altitude_m,
-            commands=self._commands(heights),
+            picture_m=options.picture_distance_m,
+            takeoff_m=up_m if self.from_ground else None,
+            land_m=None if self.landing is None else down_m,
         )
         if heights is None and self.home_m is not None and altitude_m is not None:
             legs = nominal_legs(plan, [plan.hull(i).hi for i in range(len(plan.parameters))])
@@ -339,15 +366,7 @@ class CoverageTask:
             plan = replace(plan, site=plan.site._replace(home_altitude_m=clear_m))
         site_field, c1s = replace(field, airspace=self.airspace), dict.fromkeys((0.0, solution.min_c1))
         ends = tuple(PathReport.of(solution, site_field, motion, c1) for c1 in c1s)
-        notes = [*self.repairs, *self.flown_over]
-        return CoveragePlan(plan, site_field, motion, solution, ends, notes, pictures, self.pack, heights)
-
-    def _over(self, ground: Ground, solution: CoverageSolution, home_m: Point) -> tuple[CoverageSolution, Heights]:
-        """A path with its altitudes over a ground, and these. Raises Infeasible as `over_terrain`."""
-        assert self._climbing is not None  # else `terrain` is refused
-        start_m = 0.0 if self.from_ground else None
-        flown, profile = over_terrain(solution, ground, self._climbing, start_m, lands=self.final)
-        return flown, Heights(profile, home_m)
+        return CoveragePlan(plan, site_field, motion, solution, ends, self.notes, pictures, self.pack, heights)
 
     def _pictures(self, solution: CoverageSolution) -> Pictures | None:
         """The camera's pictures along a path; None without a camera."""
@@ -358,35 +377,22 @@ class CoverageTask:
         number = None if distance_m is None else math.ceil(sensed_m / distance_m)
         return Pictures(options, number, self.motion.max_line_speed_mps(solution.heading_rad))
 
-    def _commands(self, heights: Heights | None) -> PlanCommands:
-        """What an autopilot does: pictures, the take-off, and the landing or the return."""
-        distance_m, takeoff, ending = self.options.picture_distance_m, None, None
-        if self.from_ground:
-            # a height of 0 is that of the plan
-            up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
-            takeoff, ending = _command(TAKEOFF, up_m), _command(RETURN)
-        if self.landing is not None:
-            ending = _command(LAND, 0.0 if heights is None else heights.profile.commanded_m[-1])
-        on_and_off = None if distance_m is None else (_trigger(distance_m), _trigger(0.0))
-        return PlanCommands(on_and_off, takeoff, ending)
-
-    def _site(self, field: Field, heights: Heights | None, pictures: Pictures | None) -> Site:
+    def _site(self, field: Field, heights: HeightProfile | None, pictures: Pictures | None) -> Site:
         """What the plan carries of its mission."""
-        given = field.airspace if heights is None else heights.profile.ground.airspace
+        given = field.airspace if heights is None else heights.ground.airspace
         obstacles = tuple(each._replace(outline=_millimetres(each.outline)) for each in given.obstacles)
         (outline, *holes), *others = (tuple(map(_millimetres, part)) for part in field.parts)
-        name = printable(" ".join(field.name.split()), NAME_LIMIT)
         motion, wind_mps = self.motion, math.hypot(*self.motion.wind_mps)
         from_deg = compass_deg(math.atan2(-motion.wind_mps[1], -motion.wind_mps[0])) if wind_mps else 0.0
         return Site(
             origin_deg=field.origin_deg,
-            field=Field(outline, tuple(holes), name, others=tuple(others)),
+            field=Field(outline, tuple(holes), field.name, others=tuple(others)),
             swath_m=motion.swath_m,
             home_m=None if self.home_m is None else _millimetres((self.home_m,))[0],
             airspace=Airspace(obstacles, tuple(map(_millimetres, given.boundary))),
             made_for=MadeFor(self.vehicle, motion.airspeed_mps, round(wind_mps, 3), round(from_deg, 1) % 360),
             camera=None if pictures is None else pictures.of_plan,
-            ground_m=None if heights is None else heights.profile.ground.zero_m,
+            ground_m=None if heights is None else heights.ground.zero_m,
             home_altitude_m=None if heights is None or self.home_m is None else heights.home_altitude_m,
             clearance_m=self.options.clearance_m,
         )
@@ -396,24 +402,19 @@ def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:
     return tuple((round(x, 3), round(y, 3)) for x, y in points)
 
 
-def _trigger(distance_m: float) -> tuple[float, ...]:
-    """The command to take a picture every so many metres; 0 for none."""
-    return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def _command(command: int, height_m: float = 0.0) -> tuple[float, ...]:
-    """A command that has a height alone [m]."""
-    return (command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
-
-
-def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
-    """The field with its obstacles and its boundary, and notes on what was left out of these."""
-    avoid, inside = (None if path is None else read_field_text(path) for path in (options.avoid, options.inside))
-    given, notes = read_airspace(avoid, inside, field.origin_deg, field.middle_m, metres=options.metres)
-    holes = [hole for part in field.parts for hole in part[1:]] if options.holes == "avoid" else ()
-    named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
-    airspace = Airspace((*field.airspace.obstacles, *given.obstacles, *named), given.boundary)
-    return replace(field, airspace=airspace), [f"{printable(note.file)}: {note.message}" for note in notes]
+def _limited_field(file: str, options: CoverageOptions) -> tuple[Field, list[str]]:
+    """The field of a file with its obstacles and its boundary; notes on what was repaired and left out of these."""
+    read = plug_in("fields", "files")
+    found: tuple[Field, list[str]] = read(
+        file, metres=options.metres, feature=options.feature, avoid=options.avoid, inside=options.inside
+    )
+    field, notes = found
+    if options.holes == "avoid":
+        holes = [hole for part in field.parts for hole in part[1:]]
+        named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
+        airspace = field.airspace._replace(obstacles=(*field.airspace.obstacles, *named))
+        field = replace(field, airspace=airspace)
+    return field, notes
 
 
 def _computations(profile: Profile | None, off_on_turns: bool) -> FieldComputations:
@@ -568,11 +569,9 @@ def coverage_task(
     check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
     if not has_pattern(options.pattern):
         raise option_fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
-    text = read_field_text(field)
-    ground, repairs = read_field(text, metres=options.metres, feature=options.feature)
-    ground, notes = _limited(ground, options)
-    notes, autopilot = [*repairs, *notes], setting.keys.autopilot
-    task = CoverageTask(text.name, ground, notes, options, motion, flown.name, flown.airframe, profile, pack, autopilot)
+    ground, notes = _limited_field(field, options)
+    name, autopilot = "<stdin>" if field == "-" else field, setting.keys.autopilot
+    task = CoverageTask(name, ground, notes, options, motion, flown.name, flown.airframe, profile, pack, autopilot)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])

@@ -31,7 +31,7 @@ from eadp.plug_ins import plug_in
 from eadp.survey.airspace import FreeTurns, NotFree, free_lines, free_order
 from eadp.survey.line_order import LineCosts, best_order, quick_order
 from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle
-from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts
+from eadp.survey.zamboni import Block, BlockLayout, build_block, layouts
 
 ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
 
@@ -360,17 +360,16 @@ def connected(
     Infeasible
         If no turn between two of them is free.
     """
-    turns = None if request.space is None else free_turns(request.space, request.motion)
     climb_out, approach = ([] if leg is None else [leg] for leg in (request.climb_out, request.approach))
     sections: list[CoverageLeg | Block] = [*climb_out]
     previous: Pose | None = None
     for flown in parts:
         start = flown[0].start
-        entry = _climbing_entry(request, start, turns) if previous is None else _turn(request, previous, start, turns)
+        entry = _climbing_entry(request, start) if previous is None else _turn(request, previous, start)
         sections += [*entry, *flown]
         previous = flown[-1].end
     assert previous is not None
-    flown = (*sections, *_exit(request, previous, turns), *approach)
+    flown = (*sections, *_exit(request, previous), *approach)
     return timed(CoverageSolution(pattern, heading_rad, flown), request.motion)
 
 
@@ -425,10 +424,10 @@ def _chains(request: CoverageRequest, heading_rad: float, layout: BlockLayout, c
     for towards, hand in ((1, 1), (1, -1), (-1, 1), (-1, -1))[:corners]:
         frame = frame_of(heading_rad, towards, hand)
         points = frame.into(outline)
-        bounds, left_m = BlockBounds(points, motion.lead_in_m), float(points[:, 0].min())
+        left_m = float(points[:, 0].min())
         for index, row in enumerate(rows[::towards]):
             first_m = left_m + (index * layout.lines + 0.5) * layout.pitch_m
-            row.append(build_block(frame, bounds, first_m, layout, motion))
+            row.append(build_block(frame, points, first_m, layout, motion))
     own_s = [[motion.time_s([leg.piece for leg in block.legs(block.min_c1)]) for block in row] for row in rows]
     for order in (1, -1)[: min(layout.blocks, 2)]:
         yield _Chain(*_quickest_chain(request, rows[::order], own_s[::order]), heading_rad)
@@ -595,11 +594,11 @@ def _canonical_frame(field: Field, heading_rad: float) -> StripFrame:
 # --- between lines ----------------------------------------------------------------------------------------------------
 
 
-def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
-    """The quickest turn from one pose to another, a free one of `turns`. Raises Infeasible where there is none."""
+def _turn(request: CoverageRequest, end: Pose, start: Pose) -> list[CoverageLeg]:
+    """The quickest turn from one pose to another that is free. Raises Infeasible where there is none."""
     motion = request.motion
-    if turns is not None:
-        found = turns.turn(end, start)
+    if request.space is not None:
+        found = free_turns(request.space, motion).turn(end, start)
         if found is None:
             places = f"from {request.place_text(end)} to {request.place_text(start)}"
             raise NotFree(f"no way {places} is found that stays {request.limits_text}")
@@ -631,7 +630,7 @@ def to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
     return np.asarray(request.motion.turns_s(ends, _poses(request.way_back)).min(axis=1))
 
 
-def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+def _entry(request: CoverageRequest, start: Pose) -> list[CoverageLeg]:
     """The path from the start point to a pose, from the best heading."""
     point, motion = request.way_out, request.motion
     if point is None:
@@ -639,15 +638,15 @@ def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> li
     poses = _poses(point)
     if len(point) == 2:
         poses += [(*point, heading) for heading in _tangents(point, start, motion.min_radius_m)]
-    return _turn(request, poses[int(motion.turns_s(poses, [start])[:, 0].argmin())], start, turns)
+    return _turn(request, poses[int(motion.turns_s(poses, [start])[:, 0].argmin())], start)
 
 
-def _climbing_entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+def _climbing_entry(request: CoverageRequest, start: Pose) -> list[CoverageLeg]:
     """The path from the start point to a pose, longer by a straight before it where the climb takes longer.
 
     Not where a circle takes less, or there is no room: what the climb lacks is then flown on circles.
     """
-    motion, entry = request.motion, _entry(request, start, turns)
+    motion, entry = request.motion, _entry(request, start)
 
     def way_s(legs: Sequence[CoverageLeg]) -> float:
         """Time of a way to the pose, the climb-out among it [s]."""
@@ -666,13 +665,13 @@ def _climbing_entry(request: CoverageRequest, start: Pose, turns: FreeTurns | No
         before = CoverageLeg(straight(back[:2], (x, y)))
         if request.space is None or request.space.has(polyline_m([before.piece])):
             with suppress(Infeasible):
-                longer = [*_entry(request, back, turns), before]
+                longer = [*_entry(request, back), before]
                 if request.climb_s <= way_s(longer) < best_s:
                     best, best_s = longer, way_s(longer)
     return best
 
 
-def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+def _exit(request: CoverageRequest, end: Pose) -> list[CoverageLeg]:
     """The path from a pose to the home point, arriving at the best heading."""
     point, motion, (x, y, heading) = request.way_back, request.motion, end
     if point is None:
@@ -682,7 +681,7 @@ def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[
         # the tangents of arrival are those of a departure from home with all headings reversed
         backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
         poses += [(*point, opposite + math.pi) for opposite in backward]
-    return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())], turns)
+    return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())])
 
 
 def check_access(request: CoverageRequest) -> None:
@@ -693,19 +692,18 @@ def check_access(request: CoverageRequest) -> None:
     if request.space is None:
         return
     heading_rad = _tried_headings(request)[0] if request.heading_rad is None else request.heading_rad
-    turns = free_turns(request.space, request.motion)
     whole = next(_lines_at(request, heading_rad))[::2]
     lines = [leg.led(request.motion) for leg in free_lines(whole, request.space, request.motion)]
     starts, ends = [leg.start for leg in lines], [leg.end for leg in lines]
-    # for the start and the end: its place, the times between it and each line, and what finds a free way to one
-    ways: tuple[tuple[Point | Pose | None, FloatArray, Callable[[int], object]], ...] = (
-        (request.way_out, from_start_s(request, starts), lambda k: _entry(request, starts[k], turns)),
-        (request.way_back, to_home_s(request, ends), lambda k: _exit(request, ends[k], turns)),
+    # for the start and the end: its place, the poses of the lines there, the times between, and what finds a free way
+    ways = (
+        (request.way_out, starts, from_start_s(request, starts), _entry),
+        (request.way_back, ends, to_home_s(request, ends), _exit),
     )
-    for end, times_s, find_way in ways if lines else ():
+    for end, poses, times_s, find_way in ways if lines else ():
         for k in np.argsort(times_s)[:ACCESS_TRIED].tolist():
             with suppress(Infeasible):
-                find_way(k)
+                find_way(request, poses[k])
                 break
         else:  # none of the nearest lines has a free way
             assert end is not None  # else any way is free

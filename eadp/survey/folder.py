@@ -61,7 +61,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         drawn, task = [(f"{i:02d}", each.path()) for i, each in enumerate(plan.sorties, 1)], plan.planner.task
-        write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.left)
+        write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.covered.left)
 
 
 # --- read back

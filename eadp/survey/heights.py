@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,12 +21,11 @@ from eadp.core.geometry.dubins import Piece, Pose, centre_m, polyline_m
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.core.geometry.polygons import FreeSpace, holding
 from eadp.core.guidance import RATE_SHARE
-from eadp.errors import Infeasible, InputError, Unreachable
-from eadp.io.text.options import Flag, check_range
-from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace, Field
-from eadp.survey.coverage import AUTO, DUBINS, ZAMBONI, CoverageSolution, timed
+from eadp.errors import Infeasible, Unreachable
+from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, Airspace
+from eadp.survey.coverage import CoverageSolution, timed
 from eadp.survey.swaths import CoverageLeg, MotionLimits
-from eadp.survey.terrain import ElevationModel, read_terrain
+from eadp.survey.terrain import ElevationModel
 
 # --- commanded altitudes
 
@@ -354,6 +353,12 @@ CIRCLES = 50
 
 ROUNDING_M = 1e-6
 
+HOME_POINTS = 25
+"""Points in a row on a way home."""
+
+WAYS_HOME = 200
+"""Ways home that are tried, at least."""
+
 
 class HeightLimits(NamedTuple):
     """Heights above ground [m]: least on lines, by how much they may be higher, and least elsewhere."""
@@ -369,8 +374,10 @@ class Ground(NamedTuple):
     Attributes
     ----------
     terrain : ElevationModel
+    home_m : (float, float)
+        Where its altitude is 0 [m].
     zero_m : float
-        Height above the sea of the altitude 0 [m].
+        Height above the sea there [m].
     limits : HeightLimits
     motion : MotionLimits
     apart_m : float
@@ -380,6 +387,7 @@ class Ground(NamedTuple):
     """
 
     terrain: ElevationModel
+    home_m: Point
     zero_m: float
     limits: HeightLimits
     motion: MotionLimits
@@ -460,6 +468,16 @@ class HeightProfile:
     def overlapping_m(self) -> FloatArray:
         """Heights on lines above the ground where their pictures overlap [m]."""
         return (self.flown_m - self.sides_m)[self.samples.on_line]
+
+    @property
+    def home_altitude_m(self) -> int:
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
+        ground, points_m, home_m = self.ground, self.samples.points_m, np.array(self.ground.home_m)
+        ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - home_m
+        ways_m = home_m + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
+        top_m = ground.airspace.top_on_ways_m(points_m, ground.home_m, CLEARANCE_M)
+        top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
+        return math.ceil(top_m + ground.limits.clearance_m)
 
 
 def over_terrain(
@@ -679,76 +697,3 @@ def _cut(legs: Sequence[CoverageLeg], samples: Samples, altitudes_m: FloatArray)
         starts = [own[0], *changes]
         parts += [replace(part, altitude_m=float(altitudes_m[i])) for part, i in zip(pieces, starts, strict=True)]
     return tuple(parts)
-
-
-# --- of a field to cover
-
-TOLERANCE_SHARE = 0.1
-"""Default of --height-tolerance over --altitude: pixels on the ground are up to so much larger."""
-
-
-@dataclass(frozen=True)
-class TerrainOptions:
-    """The ground, and how lines follow it."""
-
-    SECTION: ClassVar = "Ground"
-
-    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Heights of the ground, as GeoTIFF or .hgt of SRTM; several are joined. Lines keep --altitude above it, turns and
-    ways --clearance."""
-
-    height_tolerance_m: float | None = None
-    """How much higher above the ground lines may be [m]; by default a tenth of --altitude."""
-
-
-class TerrainTask(NamedTuple):
-    """The ground of a field to cover, and the heights above it that a flight keeps."""
-
-    terrain: ElevationModel
-    limits: HeightLimits
-
-    @classmethod
-    def read(
-        cls,
-        options: TerrainOptions,
-        altitude_m: float | None,
-        clearance_m: float,
-        field: Field,
-        ends: Sequence[Point | None],
-    ) -> TerrainTask | None:
-        """The ground around a field and the ends of its flight; None where no terrain is given.
-
-        Raises
-        ------
-        InputError
-            Of the files, and where the plan cannot follow a terrain.
-        """
-        files = [options.terrain] if isinstance(options.terrain, str) else options.terrain
-        if not files:
-            if options.height_tolerance_m is not None:
-                raise InputError.at("--height-tolerance", 1, 1, "no ground to be above", "--terrain")
-            return None
-        if altitude_m is None:
-            raise InputError.at("--terrain", 1, 1, "no height to keep above the ground", "--altitude")
-        if field.origin_deg is None:
-            raise InputError.at("--terrain", 1, 1, "the field has no place on the earth", "a field in degrees")
-        tolerance_m = TOLERANCE_SHARE * altitude_m if options.height_tolerance_m is None else options.height_tolerance_m
-        check_range("--height-tolerance", tolerance_m, 1, 1000, closed=True)
-        if altitude_m < clearance_m:
-            message = f"{altitude_m:g} m, less than the clearance"
-            raise InputError.at("--altitude", 1, 1, message, f"--clearance {altitude_m:g} or less")
-        points = [*(vertex for part in field.parts for vertex in part[0]), *(end for end in ends if end is not None)]
-        terrain = read_terrain(files, np.array(points), field.origin_deg)
-        return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
-
-    @staticmethod
-    def pattern(pattern: str) -> str:
-        """Lines in an order instead of either pattern; raises Infeasible where laps are asked for."""
-        if pattern == ZAMBONI:
-            raise Infeasible("laps have one altitude, and do not follow a terrain", "--pattern dubins")
-        return DUBINS if pattern == AUTO else pattern
-
-    def ground(self, field: Field, motion: MotionLimits, apart_m: float, zero: Point) -> Ground:
-        """The ground of a flight whose altitudes are 0 at a place [m]. Raises Infeasible where it is not known."""
-        zero_m = round(float(self.terrain.known_m(np.array([zero]))[0]), 2)  # as a plan has it
-        return Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
+
+import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import blowing_to_rad, place_text, to_local_m, velocity_mps
@@ -16,8 +19,9 @@ from eadp.models.plan.pieces import course_rad
 from eadp.models.vehicle import Airframe
 from eadp.survey.camera import CameraOptions, option_fault
 from eadp.survey.coverage import AUTO, PATTERNS
-from eadp.survey.heights import TerrainOptions
+from eadp.survey.heights import HeightLimits
 from eadp.survey.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
+from eadp.survey.terrain import ElevationModel, read_terrain
 
 MIN_RADIUS_M = 0.1
 MAX_LENGTH_M = 1e5
@@ -26,6 +30,8 @@ NEAR_DEG = 1.0
 """Distance of two positions that are one place, with latitude and longitude swapped [°]."""
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
+TOLERANCE_SHARE = 0.1
+"""Default of --height-tolerance over --altitude: pixels on the ground are up to so much larger."""
 
 Pair = str | Point
 """Two numbers, or the text of two numbers."""
@@ -116,6 +122,20 @@ class FieldOptions:
 
 
 @dataclass(frozen=True)
+class TerrainOptions:
+    """The ground, and how lines follow it."""
+
+    SECTION: ClassVar = "Ground"
+
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as GeoTIFF or .hgt of SRTM; several are joined. Lines keep --altitude above it, turns and
+    ways --clearance."""
+
+    height_tolerance_m: float | None = None
+    """How much higher above the ground lines may be [m]; by default a tenth of --altitude."""
+
+
+@dataclass(frozen=True)
 class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, EndOptions, PathOptions):
     """Options of a coverage: in order those of lines and turns, the ends, the field, the camera and the ground.
 
@@ -161,6 +181,36 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, EndOptions, P
             lead_in = float(math.ceil(rolls_m))
         check_range("--lead-in", lead_in, 0.0, MAX_LENGTH_M, closed=True)
         return MotionLimits(swath, least, ideal, apart, speed, wind_mps, lead_in)
+
+    @property
+    def height_limits(self) -> HeightLimits:
+        """Heights above the ground, of a terrain."""
+        line_m, tolerance_m = self.altitude_m or 0.0, self.height_tolerance_m
+        return HeightLimits(line_m, TOLERANCE_SHARE * line_m if tolerance_m is None else tolerance_m, self.clearance_m)
+
+    def elevations(self, field: Field, ends: Sequence[Point | None]) -> ElevationModel | None:
+        """The ground around a field and the ends of its flight; None where no terrain is given.
+
+        Raises
+        ------
+        InputError
+            Of the files, and where the plan cannot follow a terrain.
+        """
+        files, limits = [self.terrain] if isinstance(self.terrain, str) else self.terrain, self.height_limits
+        if not files:
+            if self.height_tolerance_m is not None:
+                raise option_fault("--height-tolerance", "", "no ground to be above", "--terrain")
+            return None
+        if self.altitude_m is None:
+            raise option_fault("--terrain", "", "no height to keep above the ground", "--altitude")
+        if field.origin_deg is None:
+            raise option_fault("--terrain", "", "the field has no place on the earth", "a field in degrees")
+        check_range("--height-tolerance", limits.tolerance_m, 1, 1000, closed=True)
+        if limits.line_m < limits.clearance_m:
+            message = f"{limits.line_m:g} m, less than the clearance"
+            raise option_fault("--altitude", "", message, f"--clearance {limits.line_m:g} or less")
+        points = [*(vertex for part in field.parts for vertex in part[0]), *filter(None, ends)]
+        return read_terrain(files, np.array(points), field.origin_deg)
 
     @property
     def heading_rad(self) -> float | None:

@@ -13,8 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ from eadp.core.geometry.polygons import FAR_M, clipped, ground_m2
 from eadp.errors import Infeasible
 from eadp.models.airspace import Field
 from eadp.planning.forecast.held import Preflight
-from eadp.survey.coverage import CoverageSolution, LineGrid
+from eadp.survey.coverage import LineGrid
 from eadp.survey.report import CoveragePlan
 from eadp.survey.swaths import CoveragePath
 
@@ -143,11 +142,10 @@ class Division:
 
 @dataclass(frozen=True)
 class PlannedSortie:
-    """One flight: its path, its plan, and its forecast, which is that of `SortiePlanner.sortie`.
+    """One flight: its plan, and its forecast, which is that of `SortiePlanner.sortie`.
 
     Attributes
     ----------
-    solution : CoverageSolution
     plan : CoveragePlan
     inputs : FlightInputs
     forecast : Preflight
@@ -156,7 +154,6 @@ class PlannedSortie:
         probability of the reserve, as a share of a pack.
     """
 
-    solution: CoverageSolution
     plan: CoveragePlan
     inputs: FlightInputs
     forecast: Preflight
@@ -177,11 +174,12 @@ class PlannedSortie:
     @property
     def used_on_lines(self) -> float:
         """Charge that it takes from the first line to the last, as a share of a pack."""
-        return self.used * (1 - self.solution.access_s / self.solution.time_s)
+        return self.used * (1 - self.plan.solution.access_s / self.plan.solution.time_s)
 
     def path(self) -> CoveragePath:
         """Its path at the spacing that is forecast."""
-        return self.solution.path(self.forecast.decided[0] if self.solution.min_c1 < 0 else 0.0)
+        solution = self.plan.solution
+        return solution.path(self.forecast.decided[0] if solution.min_c1 < 0 else 0.0)
 
 
 Interval = tuple[float, float]
@@ -244,10 +242,7 @@ class Divider:
     forecast: Callable[[Field], PlannedSortie]
     cuts: bool = True
     on_part: Callable[[str], None] = lambda _: None
-
-    @cached_property
-    def _known(self) -> dict[Interval, PlannedSortie]:
-        return {}
+    _known: dict[Interval, PlannedSortie] = field(default_factory=dict)
 
     def fewest(self, min_count: int) -> Divided:
         """The division into the fewest sorties found that can all be flown, `min_count` or more.

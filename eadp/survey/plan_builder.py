@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import Expression
@@ -27,10 +26,10 @@ from eadp.models.plan.pieces import (
     sum_text,
 )
 from eadp.models.plan.plan import Plan, Site
-from eadp.models.plan.stage import LAND, Box, LoopVariable, Segment, Stage, Title
+from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box, LoopVariable, Segment, Stage, Title
 from eadp.survey.coverage import CoverageSolution
-from eadp.survey.swaths import CoverageLeg, PiecewiseLinear, StripFrame
-from eadp.survey.zamboni import END_TOLERANCE_M, Block
+from eadp.survey.swaths import CoverageLeg, StripFrame
+from eadp.survey.zamboni import END_TOLERANCE_M, Block, PiecewiseLinear
 
 START_M = 100.0
 """Distance of the default start before the first trigger: a first stage of this length starts with the first line."""
@@ -49,24 +48,6 @@ class FieldComputations:
         return self.sets if sensing or not self.off_on_turns else tuple(Box(0.0, 0.0) for _ in self.sets)
 
 
-class PlanCommands(NamedTuple):
-    """What an autopilot does in a plan, as the commands of a `Stage`.
-
-    Attributes
-    ----------
-    pictures : (tuple, tuple), optional
-        As it starts on the field, and as it starts on a turn.
-    takeoff : tuple, optional
-        Of a take-off: the path starts on the ground.
-    ending : tuple, optional
-        Of the last stage: a landing, whose altitude the stage has, or the return.
-    """
-
-    pictures: tuple[Command, Command] | None = None
-    takeoff: Command | None = None
-    ending: Command | None = None
-
-
 def build_plan(
     solution: CoverageSolution,
     *,
@@ -75,7 +56,9 @@ def build_plan(
     min_radius_m: float | None = None,
     site: Site | None = None,
     altitude_m: float | None = None,
-    commands: PlanCommands | None = None,
+    picture_m: float | None = None,
+    takeoff_m: float | None = None,
+    land_m: float | None = None,
 ) -> Plan:
     """The plan of a coverage path.
 
@@ -92,26 +75,31 @@ def build_plan(
         Where the field is.
     altitude_m : float, optional
         Altitude of the stages whose legs have none [m].
-    commands : PlanCommands, optional
+    picture_m : float, optional
+        Distance of the pictures along a line [m].
+    takeoff_m : float, optional
+        Height up to which a flight from the ground climbs straight ahead [m]; 0 for that of the plan.
+    land_m : float, optional
+        Altitude at which the flight lands at its end [m]. One from the ground that does not land returns.
     """
-    pictures, takeoff, ending = commands or PlanCommands()
-    builder = _PlanBuilder(solution, computations or FieldComputations(), from_start=takeoff is not None)
+    builder = _PlanBuilder(solution, computations or FieldComputations(), from_start=takeoff_m is not None)
     site = site or Site()
-    if takeoff is not None:
+    if takeoff_m is not None:
         site = site._replace(start_m=site.home_m)
     elif builder.start_m is not None:
         site = site._replace(start_m=builder.start_m)
     repeats = len(builder.segments) > 1
-    stages = builder.stages if pictures is None else builder.commanded(pictures)
+    stages = builder.stages if picture_m is None else builder.photographed(picture_m)
     stages = [
         replace(stage, altitude_m=altitude_m if stage.altitude_m is None else stage.altitude_m) for stage in stages
     ]
-    if takeoff is not None:
-        stages[0] = replace(stages[0], commands=(takeoff, *stages[0].commands))
-    if ending is not None:
-        last = stages[-1]
-        down_m = ending[-1] if ending[0] == LAND else last.altitude_m
-        stages[-1] = replace(last, commands=(*last.commands, ending), altitude_m=down_m)
+    if takeoff_m is not None:
+        stages[0] = replace(stages[0], commands=(_command(TAKEOFF, takeoff_m), *stages[0].commands))
+    last = stages[-1]
+    if land_m is not None:
+        stages[-1] = replace(last, commands=(*last.commands, _command(LAND, land_m)), altitude_m=land_m)
+    elif takeoff_m is not None:
+        stages[-1] = replace(last, commands=(*last.commands, _command(RETURN)))
     return Plan(
         name=name,
         stages=tuple(stages),
@@ -173,15 +161,19 @@ class _PlanBuilder:
         stage = Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets, altitude_m=altitude_m)
         self.stages.append(replace(stage, commands=commands))
 
-    def commanded(self, commands: tuple[Command, Command]) -> list[Stage]:
-        """The stages with the first command where a line starts, and the second where a turn starts after a line."""
+    def photographed(self, distance_m: float) -> list[Stage]:
+        """The stages with the command of a picture every so many metres where a line starts, of none where a turn does.
+
+        A turn after a turn has none.
+        """
+        on, off = ((TRIGGER_DISTANCE, round(each_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0) for each_m in (distance_m, 0.0))
         stages = []
         for i, (stage, is_line) in enumerate(zip(self.stages, self._sensing, strict=True)):
             # whether the stages flown before it are lines: the stage above, and before a lap's first the lap's last
             before = {self._sensing[i - 1] if i else False}
             laps = [part for part in self.segments if part.repeats and part.first == i]
             before |= {self._sensing[part.first + part.count - 1] for part in laps}
-            own = () if before == {is_line} else (commands[0 if is_line else 1],)
+            own = () if before == {is_line} else (on if is_line else off,)
             stages.append(replace(stage, commands=(*own, *stage.commands)))
         return stages
 
@@ -233,6 +225,11 @@ class _PlanBuilder:
         self.segments.append(segment)
         # [2::4]: the second lines of the laps
         self.shortest_m = min([self.shortest_m, *(leg.piece.length_m for leg in block.legs(0.0)[2::4])])
+
+
+def _command(command: int, height_m: float = 0.0) -> Command:
+    """A command that has a height alone [m]."""
+    return (command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
 
 
 def _spacing(block: Block) -> str:

@@ -16,64 +16,21 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import Ring, covered_share, ground_m2, inner_point, uncovered
+from eadp.errors import counted
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import plan_text
-from eadp.models.airspace import CLEARANCE_M, Field
+from eadp.models.airspace import Field
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 from eadp.planning.forecast.held import Preflight
 from eadp.survey.camera import Pictures, pictures_document, rounded_text
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
-from eadp.survey.features import counted
 from eadp.survey.heights import HeightProfile
 from eadp.survey.swaths import CoveragePath, MotionLimits
 
 FULL = 0.9999
 """Share of a field from which on it counts as covered."""
-
-
-@dataclass(frozen=True)
-class PathReport:
-    """A coverage path at one value of c1.
-
-    `spacing_m` is the distance of its lines, None for a single one; `energy_wh` is its forecast, None without one.
-    """
-
-    c1: float
-    path: CoveragePath
-    spacing_m: float | None
-    coverage: float
-    time_s: float
-    energy_wh: float | None = None
-
-    @classmethod
-    def of(cls, solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float) -> PathReport:
-        """The report of a solution, for a field, at a fixed c1."""
-        path, spacing_m = solution.path(c1), None
-        # places across the lines; those of one line twice are equal to a centimetre
-        sin, cos = math.sin(solution.heading_rad), math.cos(solution.heading_rad)
-        places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
-        if solution.blocks:
-            spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1))
-        elif len(places) > 1:
-            spacing_m = statistics.median(b - a for a, b in itertools.pairwise(places))
-        return cls(c1, path, spacing_m, covered_by_lines(path, field, motion.swath_m), motion.time_s(path.pieces))
-
-    @property
-    def length_m(self) -> float:
-        """Length of the path [m]."""
-        return self.path.length_m
-
-    @property
-    def lines(self) -> int:
-        """The number of its lines."""
-        return self.path.lines
-
-
-def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
-    """Share of a field that the lines of a path cover; turns cover nothing."""
-    return covered_share(field.parts, path.sensed_m, swath_m)
 
 
 def rounded_deg(heading_rad: float, digits: int) -> float:
@@ -144,33 +101,76 @@ def area_text(area_m2: float) -> str:
     return f"{area_m2 / 1e4:.2f} ha" if area_m2 >= 1000 else f"{area_m2:.0f} m²"
 
 
-# --- heights above ground
+@dataclass(frozen=True)
+class Covered:
+    """What the lines of a path cover of a field, and what they leave; turns cover nothing."""
 
-HOME_POINTS = 25
-"""Points in a row on a way home."""
+    field: Field
+    path: CoveragePath
+    swath_m: float
+
+    @cached_property
+    def share(self) -> float:
+        """Share of the field."""
+        return covered_share(self.field.parts, self.path.sensed_m, self.swath_m)
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places that they leave; none where the field counts as covered."""
+        return [] if self.share >= FULL else left_ground(self.field.parts, self.path.sensed_m, self.swath_m)
+
+    def lines(self) -> list[str]:
+        """What they leave, for people, line by line."""
+        return left_text(self.left, 1 - self.share, self.field.origin_deg)
+
+
+@dataclass(frozen=True)
+class PathReport:
+    """A coverage path at one value of c1.
+
+    `spacing_m` is the distance of its lines, None for a single one; `energy_wh` is its forecast, None without one.
+    """
+
+    c1: float
+    path: CoveragePath
+    covered: Covered
+    spacing_m: float | None
+    time_s: float
+    energy_wh: float | None = None
+
+    @classmethod
+    def of(cls, solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float) -> PathReport:
+        """The report of a solution, for a field, at a fixed c1."""
+        path, spacing_m = solution.path(c1), None
+        # places across the lines; those of one line twice are equal to a centimetre
+        sin, cos = math.sin(solution.heading_rad), math.cos(solution.heading_rad)
+        places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
+        if solution.blocks:
+            spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1))
+        elif len(places) > 1:
+            spacing_m = statistics.median(b - a for a, b in itertools.pairwise(places))
+        return cls(c1, path, Covered(field, path, motion.swath_m), spacing_m, motion.time_s(path.pieces))
+
+    @property
+    def coverage(self) -> float:
+        """Share of the field that it covers."""
+        return self.covered.share
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path [m]."""
+        return self.path.length_m
+
+    @property
+    def lines(self) -> int:
+        """The number of its lines."""
+        return self.path.lines
+
+
+# --- heights above ground
 
 HOME_TEXT = "way home   clear of ground and obstacles at {:g} m (home.altitude_m, RTL_ALTITUDE)"
 """What is said of the altitude of the way home."""
-
-WAYS_HOME = 200
-"""Ways home that are tried, at least."""
-
-
-class Heights(NamedTuple):
-    """The heights of a flight over its ground: its profile, and home [m]."""
-
-    profile: HeightProfile
-    home_m: Point
-
-    @property
-    def home_altitude_m(self) -> int:
-        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
-        ground, points_m = self.profile.ground, self.profile.samples.points_m
-        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, CLEARANCE_M)
-        ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
-        ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
-        top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
-        return math.ceil(top_m + ground.limits.clearance_m)
 
 
 class HeightReport(NamedTuple):
@@ -180,14 +180,14 @@ class HeightReport(NamedTuple):
     size of a pixel [cm].
     """
 
-    flights: Sequence[Heights]
+    flights: Sequence[HeightProfile]
     width_m: float
     apart_m: float | None
     gsd_cm: float | None
 
     def _joined(self, name: str) -> FloatArray:
         """An array of all profiles."""
-        return np.concatenate([getattr(each.profile, name) for each in self.flights])
+        return np.concatenate([getattr(each, name) for each in self.flights])
 
     @property
     def home_altitude_m(self) -> int:
@@ -196,7 +196,7 @@ class HeightReport(NamedTuple):
 
     def document(self) -> dict[str, Any]:
         """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
-        ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
+        ground, above_m, ground_m = self.flights[0].ground, self._joined("above_m"), self._joined("ground_m")
         line_m = ground.limits.line_m
         # pictures are as wide as their height above the ground
         widths_m = self.width_m * self._joined("overlapping_m") / line_m
@@ -204,7 +204,7 @@ class HeightReport(NamedTuple):
             "zero_m": ground.zero_m,
             "ground_m": [float(ground_m.min()), float(ground_m.max())],
             "height_m": _range(above_m),
-            "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
+            "altitudes": sum(len(each.commanded_m) for each in self.flights),
             "home_altitude_m": self.home_altitude_m,
             "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
             "side_overlap": None if self.apart_m is None else _range(1 - self.apart_m / widths_m),
@@ -267,13 +267,13 @@ class CoveragePlan:
         The path.
     ends : tuple of PathReport
         At c1 = 0, and at the lowest c1 if that is another.
-    repairs : sequence of str
+    notes : sequence of str
         Repairs made to the field, and what is flown over.
     pictures : Pictures or None
         The camera's.
     pack : Pack or None
         A full one of the aircraft.
-    heights : Heights or None
+    heights : HeightProfile or None
         Over its terrain.
     aircraft : str
         What the energy is of.
@@ -286,10 +286,10 @@ class CoveragePlan:
     motion: MotionLimits
     solution: CoverageSolution
     ends: tuple[PathReport, ...]
-    repairs: Sequence[str] = ()
+    notes: Sequence[str] = ()
     pictures: Pictures | None = None
     pack: Pack | None = None
-    heights: Heights | None = None
+    heights: HeightProfile | None = None
     aircraft: str = ""
     slower: Preflight | None = None
 
@@ -308,12 +308,10 @@ class CoveragePlan:
         """The plan as text."""
         return plan_text(self.plan)
 
-    @cached_property
+    @property
     def left(self) -> list[LeftGround]:
         """The places that are not covered, at the coarsest spacing."""
-        if self.least.coverage >= FULL:
-            return []
-        return left_ground(self.field.parts, self.least.path.sensed_m, self.motion.swath_m)
+        return self.least.covered.left
 
     @property
     def on_ground(self) -> tuple[float, float | None, float | None]:
@@ -381,7 +379,7 @@ class CoveragePlan:
             "origin_deg": origin_deg,
             "field": {"name": self.field.name, "area_m2": self.field.area_m2},
             "left": [each.document(origin_deg) for each in self.left],
-            "normalised": list(self.repairs),
+            "normalised": list(self.notes),
             "plan": self.text,
             **energy,
             "side_overlap": self._side_overlaps,
@@ -427,7 +425,7 @@ class CoveragePlan:
             kept = [f"out of {counted(len(obstacles), 'obstacle')}"] if obstacles else []
             kept += ["inside the boundary"] if boundary else []
             lines.append(f"stays      {' and '.join(kept)}")
-        lines += left_text(self.left, 1 - self.least.coverage, field.origin_deg)
+        lines += self.least.covered.lines()
         tightest = self._min_radius_m
         wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
         lead_in = f"; straight for {self.motion.lead_in_m:g} m before each line" if self.motion.lead_in_m else ""

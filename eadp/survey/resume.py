@@ -12,7 +12,6 @@ import numpy as np
 from eadp.api.flight import SUMMARY
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
-from eadp.core.arrays import BoolArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.core.geometry.polygons import covered_share, ground_m2, uncovered
@@ -180,31 +179,23 @@ def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | No
 
 
 def _of_track(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
-    """A flight of telemetry or a log: photographed within half a picture's length of each; else with the camera on."""
+    """A flight of telemetry or a log: its lines are the runs of photographed steps along the plan's lines, either way.
+
+    Photographed is what lies within half a picture's length of each; without pictures, where the camera is on.
+    """
     options, swath_m = planner.task.options, planner.task.motion.swath_m
     track: PictureTrack = plug_in("tracks", "recorded")(source, planner.task.field.origin_deg, warn)
-    rows, pictures = track.rows, track.pictures
-    if not pictures:
-        return _survey_of_track(source, rows, np.array(track.camera_on, dtype=bool), planner)
-    # of each row: the way flown up to it; and the pictures before and after it
-    way_m = np.cumsum([0.0, *np.linalg.norm(np.diff(np.array(rows)[:, 1:], axis=0), axis=1)])
-    length_m = options.picture_length_m or swath_m  # on the ground; where the camera is not stated, of a square picture
-    taken_m = np.unique(way_m[list(pictures)])
-    after = np.searchsorted(taken_m, way_m)
-    nearest_m = np.stack([taken_m[np.clip(after + k, 0, len(taken_m) - 1)] for k in (-1, 0)])
-    return _survey_of_track(source, rows, np.abs(nearest_m - way_m).min(axis=0) <= length_m / 2, planner)
-
-
-def _survey_of_track(
-    source: str, rows: Sequence[tuple[float, float, float]], photographed: BoolArray, planner: SortiePlanner
-) -> FlownSurvey:
-    """A flight's survey: its lines are the runs of photographed steps along the plan's lines, either way.
-
-    `rows` are times [s], x and y [m]; `photographed`, shape (rows,), is whether the camera was on there.
-    """
-    table = np.array(rows)
+    table, photographed = np.array(track.rows), np.array(track.camera_on, dtype=bool)
     times_s, points = table[:, 0], table[:, 1:]
     steps = np.diff(points, axis=0)
+    if track.pictures:
+        # of each row: the way flown up to it; and the pictures before and after it
+        way_m = np.cumsum([0.0, *np.linalg.norm(steps, axis=1)])
+        length_m = options.picture_length_m or swath_m  # where the camera is not stated, of a square picture
+        taken_m = np.unique(way_m[list(track.pictures)])
+        after = np.searchsorted(taken_m, way_m)
+        nearest_m = np.stack([taken_m[np.clip(after + k, 0, len(taken_m) - 1)] for k in (-1, 0)])
+        photographed = np.abs(nearest_m - way_m).min(axis=0) <= length_m / 2
     courses = np.arctan2(steps[:, 1], steps[:, 0])
     # of each step: whether it goes along the lines, in either direction, with the camera on, and without a gap
     off_rad = (courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2  # in ±π/2: 0 in both directions

@@ -27,9 +27,9 @@ from eadp.planning.registry import planner_class
 from eadp.survey.airspace import free_lines
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.cover import CoverageTask, held_at
-from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover
+from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, LineGrid, cover
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, PlannedSortie
-from eadp.survey.report import FULL, HeightReport, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
+from eadp.survey.report import CoveragePlan, Covered, HeightReport, rounded_deg
 from eadp.survey.swaths import CoveragePath
 
 SCHEMA: Final = "eadp.sorties/1"
@@ -105,6 +105,8 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
+        if self.task.options.start is not None:
+            raise InputError.at("--start", 1, 1, "sorties start and end at home", "no --start")
         if request.pattern not in PATTERNS:
             expected = f"one of {', '.join(PATTERNS)}"
             raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
@@ -115,7 +117,7 @@ class SortiePlanner:
             alone = replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
             whole = cover(alone, draft=True)
             request = replace(request, pattern=whole.pattern, heading_rad=whole.heading_rad)
-        return replace(request, start_m=request.home_m)
+        return request
 
     @property
     def heading_rad(self) -> float:
@@ -171,7 +173,7 @@ class SortiePlanner:
         def planned(part: Field, *, draft: bool) -> PlannedSortie:
             covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
             part_of = replace(request, field=covered, grid=None if laps else grid)
-            return self.sortie(cover(part_of, draft=draft), part)
+            return self.sortie(self.task.planned(cover(part_of, draft=draft), part))
 
         def forecast(part: Field) -> PlannedSortie:
             """The sortie over a part: as a draft where that decides whether it can be flown."""
@@ -202,9 +204,8 @@ class SortiePlanner:
             found = found._replace(sorties=whole)
         return SortiePlan(self, ground, found)
 
-    def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
-        """A sortie along a path over a part, forecast by its planner; with `held`, at the lowest parameters."""
-        planned = self.task.planned(solution, part)
+    def sortie(self, planned: CoveragePlan, *, held: bool = True) -> PlannedSortie:
+        """A sortie by the plan of a part, forecast by its planner; with `held`, at the lowest parameters."""
         plan = held_at(planned.plan, "lo", "lo") if held else planned.plan
         given = self.overrides
         if held:  # the plan has its parameters, whatever the scenario sets at take-off
@@ -221,7 +222,7 @@ class SortiePlanner:
         if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
             share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
             spare = (inputs.mission.battery.soc - reserve_soc) * (1 - 1 / share)
-        return PlannedSortie(planned.solution, planned, inputs, found, spare)
+        return PlannedSortie(planned, inputs, found, spare)
 
     def _min_count(self, sample: FlightInputs, division: Division) -> int:
         """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
@@ -263,7 +264,7 @@ class SortiePlan:
     @cached_property
     def sorties(self) -> list[PlannedSortie]:
         """The sorties as the scenario's planner forecasts them."""
-        return [self.planner.sortie(each.solution, each.plan.field, held=False) for each in self.divided.sorties]
+        return [self.planner.sortie(each.plan, held=False) for each in self.divided.sorties]
 
     @property
     def names(self) -> list[str]:
@@ -282,21 +283,10 @@ class SortiePlan:
         return HeightReport(heights, width_m, apart_m, gsd_cm)
 
     @cached_property
-    def _path(self) -> CoveragePath:
-        """The legs of all sorties."""
-        return CoveragePath(tuple(leg for sortie in self.sorties for leg in sortie.path().legs))
-
-    @cached_property
-    def coverage(self) -> float:
-        """Share of the ground that the sorties' lines cover."""
-        return covered_by_lines(self._path, self.ground, self.planner.task.motion.swath_m)
-
-    @cached_property
-    def left(self) -> list[LeftGround]:
-        """The places of the ground that they leave uncovered."""
-        if self.coverage >= FULL:
-            return []
-        return left_ground(self.ground.parts, self._path.sensed_m, self.planner.task.motion.swath_m)
+    def covered(self) -> Covered:
+        """What their lines cover of the ground."""
+        path = CoveragePath(tuple(leg for sortie in self.sorties for leg in sortie.path().legs))
+        return Covered(self.ground, path, self.planner.task.motion.swath_m)
 
     @property
     def pictures(self) -> Pictures | None:
@@ -312,7 +302,7 @@ class SortiePlan:
         keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
         for name, each in zip(self.names, self.sorties, strict=True):
             end, path = each.forecast.forecast, each.path()
-            spacing = each.forecast.parameters.get("c1") if each.solution.min_c1 < 0 else None
+            spacing = each.forecast.parameters.get("c1") if each.plan.solution.min_c1 < 0 else None
             rows.append(
                 {
                     "sortie": name,
@@ -331,7 +321,7 @@ class SortiePlan:
     def document(self) -> dict[str, Any]:
         """The values of `eadp.sorties/1`."""
         task, rows = self.planner.task, self.rows()
-        first = self.divided.sorties[0].solution
+        first = self.divided.sorties[0].plan.solution
         return {
             "schema": SCHEMA,
             "file": task.file,
@@ -345,8 +335,8 @@ class SortiePlan:
             "energy_wh": sum(row["energy_wh"] for row in rows),
             "length_m": sum(row["length_m"] for row in rows),
             "time_s": sum(row["time_s"] for row in rows),
-            "coverage": self.coverage,
-            "left": [each.document(task.field.origin_deg) for each in self.left],
+            "coverage": self.covered.share,
+            "left": [each.document(task.field.origin_deg) for each in self.covered.left],
             "overlap_m": OVERLAP_M,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
@@ -370,7 +360,7 @@ class SortiePlan:
         ]
         lines += [] if self.pictures is None else self.pictures.lines()
         lines += [] if self._heights is None else self._heights.text()
-        lines += left_text(self.left, 1 - self.coverage, task.field.origin_deg)
+        lines += self.covered.lines()
         lines += [task.motion.wind_text, f"aircraft   {setting_text(scenario)}", f"counts     {losses_text(scenario)}"]
         table = [["sortie", "lines", "km", "time", "energy", "lands with", "keeps the reserve"]]
         for row in document["sorties"]:

@@ -22,21 +22,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.dubins import Pose, straight
 from eadp.errors import Infeasible
-from eadp.survey.swaths import (
-    MIN_LINE_M,
-    CoverageLeg,
-    Envelope,
-    MotionLimits,
-    PiecewiseLinear,
-    StripFrame,
-    half_circle,
-    levels_above,
-    upper_envelope,
-)
+from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, MotionLimits, StripFrame, half_circle
 
 C1_STEP = 1e-6
 """Bounds of c1 are whole multiples of this."""
@@ -46,6 +37,12 @@ MAX_LINES = 5000
 
 END_TOLERANCE_M = 1e-6
 """A lap closer than this to the end of its block is at the end."""
+
+SAME_M = 1e-9
+"""Distance within which two abscissae are one."""
+
+EDGE_M = 1e-6
+"""Overlap with a strip, along its edge, below which an area belongs to the neighbouring strip."""
 
 UP = math.pi / 2
 
@@ -96,6 +93,18 @@ class BlockLayout:
         """
         by_swath = motion.swath_m if self.lines % 2 == 0 else (motion.swath_m + self.pitch_m) / 2
         return max(self.pitch_m, min(by_swath, 2 * (self.first_radius_m - motion.min_radius_m)))
+
+
+@dataclass(frozen=True)
+class PiecewiseLinear:
+    """A piecewise linear function: levels [m] at knots `places_m` [m]."""
+
+    places_m: tuple[float, ...]
+    levels_m: tuple[float, ...]
+
+    def at(self, place_m: ArrayLike) -> FloatArray:
+        """The level at an abscissa [m], constant beyond the ends."""
+        return np.asarray(np.interp(np.asarray(place_m, dtype=float), self.places_m, self.levels_m))
 
 
 @dataclass(frozen=True)
@@ -230,35 +239,108 @@ def layouts(width_m: float, motion: MotionLimits) -> list[BlockLayout]:
     return found
 
 
-class BlockBounds:
-    """A polygon's upper boundary `above` and its lower one `below`, in a block's frame; `below` is upside down, −v.
+def top_m(polygon_m: FloatArray, centres_m: ArrayLike, width_m: float) -> FloatArray:
+    """The greatest v of a polygon in strips along v.
 
-    Both lie `beyond_m` outside the polygon: a turn begins so far beyond the ground.
+    Parameters
+    ----------
+    polygon_m : array, shape (n, 2)
+        Its vertices (u, v) [m], in order, either way round.
+    centres_m : array, shape (k,)
+        Middles u of the strips [m].
+    width_m : float
+        Their width w: from u − w/2 to u + w/2 [m].
+
+    Returns
+    -------
+    array, shape (k,)
+        [m]; −∞ for a strip outside the polygon.
     """
+    start, end = polygon_m, np.roll(polygon_m, -1, axis=0)
+    steep = np.abs(end[:, 0] - start[:, 0]) <= SAME_M  # both ends are those of other edges
+    (u0, v0), (u1, v1) = start[~steep].T, end[~steep].T
+    # of each strip, row, with each edge, column: the v at both ends of what they share
+    u = np.atleast_1d(np.asarray(centres_m, dtype=float))[:, None]
+    low = np.maximum(u - width_m / 2 + EDGE_M, np.minimum(u0, u1))
+    high = np.minimum(u + width_m / 2 - EDGE_M, np.maximum(u0, u1))
+    at_low, at_high = (v0 + (v1 - v0) / (u1 - u0) * (each - u0) for each in (low, high))
+    return np.asarray(np.where(low <= high, np.maximum(at_low, at_high), -np.inf).max(axis=1))
 
-    def __init__(self, points_m: FloatArray, beyond_m: float = 0.0) -> None:
-        out = np.array([0.0, beyond_m])
-        self.above: Envelope = upper_envelope(points_m + out)
-        self.below: Envelope = upper_envelope(points_m * np.array([1.0, -1.0]) + out)
+
+def levels_above(
+    polygons: list[tuple[FloatArray, float]], length_m: float, width_m: float, slack_m: float = 0.3
+) -> PiecewiseLinear:
+    """An upper bound of the levels that strips moving together reach, with few knots.
+
+    Parameters
+    ----------
+    polygons : list of (array, float)
+        The vertices of each, as of `top_m`, with where its strip's middle is at the start [m].
+    length_m, width_m : float
+        How far the strips move, and how wide they are [m].
+    slack_m : float
+        Mean excess of the bound between knots that is allowed for fewer knots [m].
+
+    Returns
+    -------
+    PiecewiseLinear
+        Over 0 to `length_m`.
+    """
+    knots = [0.0, length_m]
+    for polygon_m, first in polygons:
+        corners = polygon_m[:, 0] - first
+        inside = width_m / 2 - 2 * EDGE_M  # so that a strip contains a corner at the corner's knots
+        knots += [*(corners - inside), *(corners + inside)]
+    places = np.unique(np.clip(knots, 0.0, length_m))
+    places = places[np.concatenate(([True], np.diff(places) > 1e-6))]
+    places[-1] = length_m
+    # between knots the reach of a strip is a maximum of lines, which is convex: a chord lies above it
+    levels = [_filled(places, top_m(polygon_m, first + places, width_m)) for polygon_m, first in polygons]
+    return _thinned(places.tolist(), np.max(levels, axis=0).tolist(), slack_m)
+
+
+def _filled(places: FloatArray, levels: FloatArray) -> FloatArray:
+    """Levels where a strip lies outside the polygon: interpolated from where it overlaps."""
+    known = np.isfinite(levels)
+    return np.interp(places, places[known], levels[known])
+
+
+def _thinned(places: list[float], levels: list[float], slack_m: float) -> PiecewiseLinear:
+    """Remove knots under the chord of their neighbours, those of least cost first."""
+    while len(places) > 2:
+        # the knot of least mean rise of the bound, and that rise; -1 for none
+        cheapest, rise_of_cheapest = -1, slack_m
+        for i in range(1, len(places) - 1):
+            share = (places[i] - places[i - 1]) / (places[i + 1] - places[i - 1])
+            rise = levels[i - 1] + share * (levels[i + 1] - levels[i - 1]) - levels[i]
+            if -EDGE_M <= rise <= 2 * rise_of_cheapest:  # a triangle's mean height is half its height
+                cheapest, rise_of_cheapest = i, rise / 2
+        if cheapest < 0:
+            break
+        del places[cheapest], levels[cheapest]
+    return PiecewiseLinear(tuple(places), tuple(levels))
 
 
 def build_block(
-    frame: StripFrame, bounds: BlockBounds, first_m: float, layout: BlockLayout, motion: MotionLimits
+    frame: StripFrame, polygon_m: FloatArray, first_m: float, layout: BlockLayout, motion: MotionLimits
 ) -> Block:
-    """The block whose first line is at u = `first_m` of a frame, between a polygon's two boundaries."""
+    """The block whose first line is at u = `first_m` of a frame, over a polygon of it, shape (n, 2)."""
+    # a turn begins beyond the ground by a lead-in; from below it is seen upside down, by −v
+    beyond = np.array([0.0, motion.lead_in_m])
+    above, below = polygon_m + beyond, polygon_m * np.array([1.0, -1.0]) + beyond
     # each level holds for the whole strip under a line, `strip_m` wide at most, while the line moves over `travel`
     travel = layout.travel_m
     second = first_m + 2 * layout.first_radius_m
     strip_m = layout.max_spacing_m(motion)
-    top = levels_above([(bounds.above, first_m), (bounds.above, second)], travel, strip_m)
-    low_first = _negated(levels_above([(bounds.below, first_m)], travel, strip_m))
-    low_second = _negated(levels_above([(bounds.below, second)], travel, strip_m))
+    top = levels_above([(above, first_m), (above, second)], travel, strip_m)
+    low_first = _negated(levels_above([(below, first_m)], travel, strip_m))
+    low_second = _negated(levels_above([(below, second)], travel, strip_m))
     # in a corner, the upper turn is raised until both lines below it have the smallest length
     knots = sorted({*top.places_m, *low_first.places_m, *low_second.places_m})
     floor = np.maximum(low_first.at(knots), low_second.at(knots)) + MIN_LINE_M
     if np.any(top.at(knots) < floor):
         top = PiecewiseLinear(tuple(knots), tuple(np.maximum(top.at(knots), floor).tolist()))
-    last_top = max(float(bounds.above.over(first_m + travel, strip_m)[0]), float(low_first.at(travel)) + MIN_LINE_M)
+    last_top = max(float(top_m(above, first_m + travel, strip_m)[0]), float(low_first.at(travel)) + MIN_LINE_M)
     return Block(frame, layout, layout.spacing_m(motion), strip_m, first_m, top, low_first, low_second, last_top)
 
 

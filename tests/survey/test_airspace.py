@@ -14,7 +14,7 @@ from eadp.errors import Infeasible
 from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Field, Obstacle
 from eadp.survey.airspace import FreeTurns, free_lines
 from eadp.survey.coverage import CoverageRequest, cover
-from eadp.survey.report import covered_by_lines
+from eadp.survey.report import Covered
 from eadp.survey.swaths import CoverageLeg, MotionLimits, half_circle
 
 BOX = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
@@ -67,7 +67,7 @@ def test_lines_and_turns_keep_the_limits(limits, least):
         assert all(within(ring, x, y, CLEAR_M - 0.05) for ring in limits.get("boundary", ())), (x, y)
     assert path.min_radius_m == pytest.approx(25.0)
     assert max(gaps(path)) < 1e-6
-    assert covered_by_lines(path, field, 40.0) >= least
+    assert Covered(field, path, 40.0).share >= least
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def test_parts_of_a_field_are_covered_by_one_path():
     solution = cover(CoverageRequest(field, MOTION))
     path = solution.path(0.0)
     assert solution.pattern == "dubins"
-    assert covered_by_lines(path, field, 40.0) >= 0.9999
+    assert Covered(field, path, 40.0).share >= 0.9999
     assert max(gaps(path)) < 1e-6
     # no more than the two parts apart and the way between them
     apart = [cover(CoverageRequest(Field(ring), MOTION, "dubins")).path(0.0).length_m for ring in (BOX, other)]

@@ -244,7 +244,9 @@ def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
 def test_repairs_are_noted(eadp, tmp_path):
     path = tmp_path / "field.csv"
     path.write_text("x_m,y_m\n0,0\n0,300\n400,300\n450,350\n400,300\n400,0\n")
-    assert "note: 1 outline that crossed or touched itself repaired" in eadp("cover", path, *FLAGS).err
+    for sorties in ((), ("--home=-50,0", "--sorties", "1", "--vehicle", "vehicles/foam-wing.yaml")):
+        answer = eadp("cover", path, *FLAGS, *sorties)
+        assert "note: 1 outline that crossed or touched itself repaired" in answer.err
     document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
     assert len(document["normalised"]) == 1
 
@@ -359,6 +361,11 @@ def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, al
     assert eadp("plan", plan, "--check").code == 0
     fences = json.loads(eadp("export", plan, "--to", "qgc", "--origin", "55,10").out)["geoFence"]["polygons"]
     assert len(fences) == avoided, "a fence has no height"
+    given = (*limits, *wing, f"--home={home}", "--avoid", tmp_path / "pole.geojson")
+    answer = eadp("cover", *given, "--sorties", "1", "-o", tmp_path / "job")
+    assert answer.code == 0, answer.err
+    kept = [path.read_text().count("%: avoid pole height 35 ") for path in (plan, tmp_path / "job/sortie-01.plan")]
+    assert kept == [1, 1]
 
 
 @pytest.mark.slow

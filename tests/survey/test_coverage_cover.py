@@ -25,7 +25,7 @@ from eadp.models.plan.trace import default_start
 from eadp.simulation.loop import Outcome, fly
 from eadp.survey.coverage import DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
 from eadp.survey.plan_builder import FieldComputations, build_plan
-from eadp.survey.report import covered_by_lines
+from eadp.survey.report import Covered
 from eadp.survey.swaths import MotionLimits
 
 MOTION = MotionLimits(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
@@ -67,7 +67,7 @@ def test_every_shape_is_covered(name, pattern):
         return
     for c1 in (0.0, solution.min_c1):
         path = solution.path(c1)
-        assert covered_by_lines(path, field, MOTION.swath_m) >= 0.9999
+        assert Covered(field, path, MOTION.swath_m).share >= 0.9999
         assert path.min_radius_m >= MOTION.min_radius_m - 1e-6
         whole(path.legs)
 

@@ -11,7 +11,7 @@ from eadp.core.geometry.polygons import FreeSpace
 from eadp.errors import Infeasible
 from eadp.survey.coverage import CoverageRequest, cover
 from eadp.survey.heights import REACHED_SHARE, climb_lack, climbed_first, held_up_m, level_lack, over_terrain
-from eadp.survey.report import covered_by_lines
+from eadp.survey.report import Covered
 
 HOME = (-60.0, 60.0)
 ALTITUDE_M = 100.0
@@ -85,7 +85,7 @@ def test_without_room_for_a_circle_the_camera_is_off_and_the_ground_is_named():
     off_m = sum(leg.piece.length_m for leg in before.legs if leg.sensing)
     off_m -= sum(leg.piece.length_m for leg in legs.legs if leg.sensing)
     assert off_m > 100
-    covered = covered_by_lines(legs, FIELD, MOTION.swath_m)
+    covered = Covered(FIELD, legs, MOTION.swath_m).share
     assert covered == pytest.approx(1 - off_m * MOTION.swath_m / (600 * 300), abs=0.01)
 
 

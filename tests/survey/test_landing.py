@@ -236,6 +236,12 @@ def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is
     approach = re.search(r"final approach of (\d+) m from (\d+) m, 5.0°, after a circle down to it", answer.out)
     assert float(approach[1]) < 900
     assert 30 <= float(approach[2]) < 120
+    # a sortie flies as many circles
+    for out, more in (("one.plan", ()), ("job", ("--sorties", "1"))):
+        answer = eadp(*words, *given, "--landing", "0,-100,270", *more, "-o", tmp_path / out)
+        assert answer.code == 0, answer.err
+    one, sortie = ((tmp_path / out).read_text().count(": command 31 ") for out in ("one.plan", "job/sortie-01.plan"))
+    assert one == sortie > 0
     plan = tmp_path / "p.plan"
     # 500 m before the place, the approach is half way down; the wall is 10 m high
     ends = ("--landing", "0,-100,270", "--home", "-50,300")

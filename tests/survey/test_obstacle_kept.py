@@ -9,8 +9,8 @@ import pytest
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.core.geometry.polygons import signed_area_m2
 from eadp.errors import InputError
+from eadp.exchange.field_reader import THIN_M, read_airspace, read_field
 from eadp.io.text.streams import Text
-from eadp.survey.field_reader import THIN_M, read_airspace, read_field
 
 pyproj = pytest.importorskip("pyproj")
 

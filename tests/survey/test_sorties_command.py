@@ -216,6 +216,7 @@ def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
     [
         (("--sorties", "0"), 2, "--sorties:1:1: error: 0 is out of range; expected from 1 to 200"),
         (("--sorties", "many"), 2, "auto, or a whole number"),
+        (("--sorties", "auto", "--start", HOME), 2, "--start:1:1: error: sorties start and end at home"),
         (("--sorties", "auto", "--home", "55.9,10.333"), 1, "a pack does not last for the way to the field"),
         (("--sorties", "auto", "--resume", "plans/nothing"), 2, "cannot be read"),
         (("--sorties", "auto", "--resume", "plans"), 2, "has no flight"),

@@ -81,7 +81,7 @@ def flown_as_planned(field, terrain, wind, *, gentle=False, folder):
     overrides |= {"planner.name": "static"}
     flight = eadp.simulate(str(plan), overrides=overrides, warn=lambda _: None)
     assert flight.summary["completed"]
-    profile, limits = found.heights.profile, found.heights.profile.ground.limits
+    profile, limits = found.heights, found.heights.ground.limits
     columns = flight.columns
     points = np.column_stack([columns["x_m"], columns["y_m"]])
     site = found.plan.site

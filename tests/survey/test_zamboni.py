@@ -18,7 +18,7 @@ from eadp.models.plan.trace import nominal_legs
 from eadp.survey.coverage import ZAMBONI, CoverageRequest, cover
 from eadp.survey.plan_builder import build_plan
 from eadp.survey.swaths import MotionLimits, frame_of
-from eadp.survey.zamboni import BlockBounds, BlockLayout, build_block, layouts
+from eadp.survey.zamboni import BlockLayout, build_block, layouts
 
 MOTION = MotionLimits(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
 rounding = 1e-6
@@ -54,7 +54,7 @@ def flown(plan, draw):
 def test_lines_lie_as_far_apart_as_the_letter_says(blocks, lines, pitch, share):
     layout = BlockLayout(blocks, lines, pitch)
     box = np.array([(0.0, 0.0), (lines * pitch, 0.0), (lines * pitch, 300.0), (0.0, 300.0)])
-    block = build_block(frame_of(math.pi / 2), BlockBounds(box), pitch / 2, layout, MOTION)
+    block = build_block(frame_of(math.pi / 2), box, pitch / 2, layout, MOTION)
     c1 = share * block.min_c1
     # two lines and two half circles: over by 2 r1, back by 2 r2(c1); r1 = r + x_d/2
     r2 = math.sqrt(block.radius_m**2 + c1)

@@ -25,6 +25,5 @@ def ground(height, obstacles=()):
         x, y = np.array([to_local_m(*place, ORIGIN) for place in zip(latitudes, longitudes, strict=True)]).T
         return 200 - y / 10, 200 + x / 10
 
-    return Ground(
-        ElevationModel((Tile(heights_m, cells),), ORIGIN), ZERO_M, LIMITS, MOTION, 50.0, Airspace(tuple(obstacles))
-    )
+    terrain = ElevationModel((Tile(heights_m, cells),), ORIGIN)
+    return Ground(terrain, (0.0, 0.0), ZERO_M, LIMITS, MOTION, 50.0, Airspace(tuple(obstacles)))

@@ -14,7 +14,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
 
 from eadp.core.geometry.curves import Point
-from eadp.errors import Fault, InputError, printable, refuse
+from eadp.errors import Fault, InputError, counted, printable, refuse
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.streams import HEAD, Location, Text
@@ -107,11 +107,6 @@ class Features:
 def is_closed(line: Sequence[Point]) -> bool:
     """Whether a line ends where it starts, and may have an area."""
     return len(line) > 3 and line[0] == line[-1]
-
-
-def counted(count: int, noun: str) -> str:
-    """A count with its noun: "1 hole", "2 holes"."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def read_features(source: Text, *, metres: bool) -> Features:

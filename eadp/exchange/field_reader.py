@@ -11,7 +11,7 @@ import statistics
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import NamedTuple
@@ -19,13 +19,13 @@ from typing import NamedTuple
 from eadp.api.given import File
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
-from eadp.errors import Fault, InputError, printable
+from eadp.errors import Fault, InputError, counted, printable
+from eadp.exchange.features import NAME_LIMIT, Feature, Features, Line, read_features
+from eadp.exchange.reader import mission_fences
 from eadp.io.plan.writer import parameters_of
-from eadp.io.text.streams import LIMIT_BYTES, Location, Text, read_text, text_of
+from eadp.io.text.streams import LIMIT_BYTES, Text, read_text, text_of
 from eadp.models.airspace import Airspace, Field, Obstacle
 from eadp.models.plan.plan import Plan
-from eadp.plug_ins import plug_ins
-from eadp.survey.features import NAME_LIMIT, Feature, Features, Line, counted, read_features
 
 EXTENT_LIMIT_M = 50_000.0
 """Largest width and height of a field [m]: beyond it the tangent plane is distorted."""
@@ -167,7 +167,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     """
     from eadp.core.geometry.polygons import ground_m2, joined, near
 
-    if _fences(text) is not None:
+    if mission_fences(text) is not None:
         expected = "a field; the fences of a mission belong to --inside FILE and --avoid FILE"
         raise text.error((1, 1), "is a mission or a fence, not a field", expected)
     found = read_features(text, metres=metres)
@@ -198,8 +198,19 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
         holes = counted(len(outlines.thin), "obstacle")
         notes.append(f"{holes} without an area kept, with what lies within {THIN_M:g} m")
     airspace = Airspace((*obstacles, *thin))
-    name = printable("".join(chosen[0].names[:1])) if len(chosen) == 1 else ""
+    name = _one_line("".join(chosen[0].names[:1])) if len(chosen) == 1 else ""
     return Field((), (), name, origin_deg, airspace).with_parts([tuple(part) for part in parts]), notes
+
+
+def limited_field(
+    file: str, *, metres: bool, feature: str | None, avoid: str | None, inside: str | None
+) -> tuple[Field, list[str]]:
+    """A field as `read_field` reads it, with the obstacles and the boundary of other files; notes on all of them."""
+    field, notes = read_field(read_field_text(file), metres=metres, feature=feature)
+    avoided, boundary = (None if path is None else read_field_text(path) for path in (avoid, inside))
+    given, said = read_airspace(avoided, boundary, field.origin_deg, field.middle_m, metres=metres)
+    airspace = Airspace((*field.airspace.obstacles, *given.obstacles), given.boundary)
+    return replace(field, airspace=airspace), [*notes, *(f"{printable(each.file)}: {each.message}" for each in said)]
 
 
 ALL = "all"
@@ -297,6 +308,11 @@ def _placed(polygon: _Polygon, origin_deg: Point, text: Text, expected: str) -> 
     return _Polygon(rings, polygon.of)
 
 
+def _one_line(name: str) -> str:
+    """A name, as it stands in a line of text."""
+    return printable(" ".join(name.split()), NAME_LIMIT)
+
+
 def _or(expected: str, remedy: str) -> str:
     return f"{expected}, or {remedy}" if remedy else expected
 
@@ -385,19 +401,9 @@ def read_airspace(
     return Airspace(tuple(obstacles), tuple(each.outline for each in boundary)), notes
 
 
-Fences = Sequence[tuple[bool, Sequence[Point], Location]]
-"""Whether to keep in or out of each, its corners as latitude and longitude [°], and where it stands in its file."""
-
-
-def _fences(source: Text) -> Fences | None:
-    """The fences of a mission; None where a text is none."""
-    found: Iterator[Fences | None] = (read(source) for read in plug_ins("fences"))
-    return next((each for each in found if each is not None), None)
-
-
 def _zones(source: Text, *, within: bool, metres: bool) -> tuple[Features, list[Feature]]:
     """All features of a file, and those that are zones to keep out of, or to stay `within`."""
-    fences = _fences(source)
+    fences = mission_fences(source)
     if fences is None:
         found = read_features(source, metres=metres)
         if not within:
@@ -459,7 +465,7 @@ def _obstacles(
         if any(abs(x - frame.middle_m[0]) > ZONES_M or abs(y - frame.middle_m[1]) > ZONES_M for x, y in chain(*own)):
             own = [outline for outline, *_ in clipped([[each] for each in own], [frame.window])]
             counts["far"] += not own
-        name = printable(" ".join(of.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {number}"
+        name = _one_line(of.name.replace(",", " ")) or f"obstacle {number}"
         found += [Obstacle(outline, name, of.height_m) for outline in own]
     far = "polygon", f"farther than {ZONES_M / 1000:g} km left out"
     thin = "obstacle", f"without an area kept, with what lies within {THIN_M:g} m"
