@@ -5,10 +5,9 @@ import importlib.util
 import os
 import sys
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from common import ROOT, draw_nothing, evenly
@@ -44,8 +43,7 @@ Progress.__init__.__defaults__ = (float("inf"),)  # no line of progress, which t
 os.environ.setdefault("NUMBA_CACHE_DIR", os.path.join(tempfile.gettempdir(), f"eadp-tests-{os.getuid()}"))
 
 
-@dataclass
-class Solution:
+class Solution(NamedTuple):
     """Exit code and output of a command."""
 
     code: int
@@ -64,18 +62,6 @@ def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
         return Solution(code, captured.out, captured.err)
 
     return run
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    """Run one command line: its exit code, stdout, stderr."""
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(list(arguments))
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    return call
 
 
 @pytest.fixture(autouse=True)

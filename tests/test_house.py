@@ -1,7 +1,6 @@
 """The house keeps its order: names of classes are unique, and prose and names are in the field's terms."""
 
 import ast
-import functools
 import re
 import tomllib
 from collections import defaultdict
@@ -10,12 +9,6 @@ from graphlib import TopologicalSorter
 import grimp
 import pytest
 from common import ROOT
-
-
-@functools.cache
-def tree_of(path):
-    return ast.parse(path.read_text(encoding="utf-8"))
-
 
 SOURCES = sorted((ROOT / "eadp").rglob("*.py"))
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -76,7 +69,7 @@ def test_no_pattern_tries_blanks_from_each_of_them():
     r"""A pattern that starts with `\s*` is matched at a place: searched, it takes the square of the blanks."""
     for path in SOURCES:
         text = path.read_text(encoding="utf-8")
-        for node in ast.walk(tree_of(path)) if "re.compile(" in text else ():
+        for node in ast.walk(ast.parse(text)) if "re.compile(" in text else ():
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "compile":
                 source = "\n".join(text.splitlines()[node.lineno - 1 : node.end_lineno])
                 name = re.match(r"\s*(\w+)", source)

@@ -22,17 +22,13 @@ IN_ORDER = [ROOT / "docs/tutorial.md", ROOT / "docs/sorties.md", ROOT / "docs/ai
 PAGES = [README, *IN_ORDER]
 
 
-def first_words(block):
-    return " ".join(commands(block)[0])[:60]
-
-
 def test_there_is_a_block_for_each_of_the_four_commands():
     shown = {command[1] for block in blocks(README) for command in commands(block)}
     assert {"plan", "profile", "fit", "simulate"} <= shown
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("block", blocks(README), ids=first_words)
+@pytest.mark.parametrize("block", blocks(README), ids=lambda block: " ".join(commands(block)[0])[:60])
 def test_a_block_of_the_readme_shows_what_its_commands_print(block, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert Console(tmp_path).fresh(block) == block

@@ -433,6 +433,7 @@ def test_an_altitude_above_the_sea_that_is_far_below_home(altitude_m, low):
     [
         (HEAD.replace("110", "130"), (1, 1), "QGC WPL 130 of this format is not known"),
         ("QGC WPL\n", (1, 1), "is not known"),
+        ('<gpx version="1.1"/>', (1, 1), "is XML"),
         ("QGC WPL 110\n", (1, 1), "no home"),
         (wpl(*GOOD).replace("\t", ","), (2, 1), "1 column"),
         (HEAD + row(1, 16, east=1, north=1).replace("\t1\n", "\n"), (3, 1), "11 columns"),
@@ -557,10 +558,6 @@ def test_a_height_above_calculated_ground_is_one_above_ground():
     plan, (finding,) = read(content)
     assert [stage.altitude_m for stage in plan.stages][-1] == 80
     assert finding.code == "terrain"
-
-
-def test_a_mission_that_is_not_read_is_named_by_what_it_is():
-    assert "is XML" in fault_of('<gpx version="1.1"/>').message
 
 
 # --- commands ---------------------------------------------------------------------------------------------------------

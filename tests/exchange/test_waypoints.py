@@ -29,10 +29,6 @@ def length_m(path):
     return sum(piece.length_m for _, piece in path.pieces)
 
 
-def turned_rad(path):
-    return sum(piece.turn * piece.length_m / piece.radius_m for _, piece in path.pieces if piece.turn)
-
-
 def nearest_m(path, point):
     count = 400
     poses = [piece.pose_at(piece.length_m * k / count) for _, piece in path.pieces for k in range(count + 1)]
@@ -119,7 +115,7 @@ def test_a_loiter_turns_so_often_and_on_to_where_the_way_lies_ahead(turns, radiu
     arcs = [piece for _, piece in path.pieces if piece.turn]
     assert {piece.centre_m for piece in arcs} == {(400.0, 30.0)}
     assert {piece.turn for piece in arcs} == {int(math.copysign(1, radius_m))}
-    angle = abs(turned_rad(path))
+    angle = abs(sum(piece.turn * piece.length_m / piece.radius_m for piece in arcs))
     assert 2 * math.pi * (turns - TURNS_SHORT) <= angle <= 2 * math.pi * (turns + 1)
     # it leaves for the waypoint: the last straight passes it, and goes on where the circle had it
     assert path.pieces[-1][1].end[:2] == pytest.approx((500, 400))

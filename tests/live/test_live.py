@@ -341,14 +341,10 @@ def test_the_file_holds_the_values_last_decided(eadp, begun, tmp_path):
     file = tmp_path / "rates.json"
     answer = eadp("replan", PLAN, "--scenario", SCENARIO, "--telemetry", begun, "--publish", file)
     lines = [json.loads(line) for line in answer.out.splitlines()]
-    changed = [one for other, one in itertools.pairwise([{}, *lines]) if one["parameters"]["c2"] != _fps(other)]
-    found = json.loads(file.read_text())
-    assert found == {"time_s": changed[-1]["time_s"], "parameters": {"fps": lines[-1]["parameters"]["c2"]}}
+    fps = [line["parameters"]["c2"] for line in lines]
+    last = max(k for k in range(len(lines)) if k == 0 or fps[k] != fps[k - 1])
+    assert json.loads(file.read_text()) == {"time_s": lines[last]["time_s"], "parameters": {"fps": fps[-1]}}
     assert [each.name for each in tmp_path.iterdir()] == ["rates.json"]
-
-
-def _fps(decision):
-    return decision.get("parameters", {}).get("c2")
 
 
 def test_it_is_written_where_values_change_and_a_failure_is_said_once(tmp_path):

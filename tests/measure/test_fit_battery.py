@@ -104,26 +104,20 @@ def test_a_count_and_a_voltage_that_disprove_what_is_given(eadp, flight):
     assert "V a cell without current, far below that of a charge of 1.00" in answer.err
 
 
-def test_a_capacity_at_the_end_of_the_search_is_no_result(eadp, flight):
-    """Cells of 1.2 Ah that give 1.33 Ah: the search ends at what the log uses."""
+@pytest.mark.parametrize(
+    ("capacity_ah", "soc", "words"),
+    [
+        (1.2, 1, "Ah, which the log uses, were more than the cells held"),  # 1.33 Ah: the search ends at those
+        (7.0, 0.25, "the log starts with 25 % of the charge: a capacity needs more than 30 %"),  # and uses 0.19 of it
+    ],
+)
+def test_a_capacity_that_the_log_does_not_show_is_no_result(eadp, flight, capacity_ah, soc, words):
     lines = flight.read_text().splitlines()
     t, _, amps = np.array([line.split(",")[:3] for line in lines[1:]], dtype=float).T
-    open_v = 4 * interpolated(1 - np.cumsum(amps) / 3600 / 1.2, CURVES_V["lipo"])
+    open_v = 4 * interpolated(soc - np.cumsum(amps) / 3600 / capacity_ah, CURVES_V["lipo"])
     rows = zip(t.tolist(), (open_v - 0.08 * amps).tolist(), amps.tolist(), strict=True)
     flight.write_text("time_s,voltage_v,current_a\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
-    answer = eadp("fit", flight, "--battery", "--cells", "4", "--soc", "1")
-    assert refused(answer, "Ah, which the log uses, were more than the cells held")
-
-
-def test_a_log_from_too_little_charge_is_not_asked_to_use_more(eadp, flight):
-    """Cells of 7 Ah from a quarter of the charge, of which 0.19 are used: 0.3 cannot be."""
-    lines = flight.read_text().splitlines()
-    t, _, amps = np.array([line.split(",")[:3] for line in lines[1:]], dtype=float).T
-    open_v = 4 * interpolated(0.25 - np.cumsum(amps) / 3600 / 7.0, CURVES_V["lipo"])
-    rows = zip(t.tolist(), (open_v - 0.08 * amps).tolist(), amps.tolist(), strict=True)
-    flight.write_text("time_s,voltage_v,current_a\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
-    answer = eadp("fit", flight, "--battery", "--cells", "4", "--soc", "0.25")
-    assert refused(answer, "the log starts with 25 % of the charge: a capacity needs more than 30 %")
+    assert refused(eadp("fit", flight, "--battery", "--cells", "4", "--soc", soc), words)
 
 
 CAPACITY_AH = 2.0

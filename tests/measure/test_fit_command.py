@@ -33,8 +33,8 @@ def noise(tmp_path: Path) -> str:
 
 
 @pytest.mark.slow
-def test_example_as_json(run: Run) -> None:
-    code, out, err = run("fit", EXAMPLE, "--format", "json")
+def test_example_as_json(eadp: Run) -> None:
+    code, out, err = eadp("fit", EXAMPLE, "--format", "json")
     document = json.loads(out)
     assert (code, err, list(document)) == (0, "", KEYS)
     # the log was made with these values and noise of 0.5 W
@@ -55,9 +55,9 @@ def test_example_as_json(run: Run) -> None:
     assert np.hypot(a[2], b[1]) * 2 / document["period_s"] == pytest.approx(document["harmonics"][1]["amplitude_w"])
 
 
-def test_a_log_without_a_period_is_a_no_with_its_document(run: Run, noise: str, tmp_path: Path) -> None:
+def test_a_log_without_a_period_is_a_no_with_its_document(eadp: Run, noise: str, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
-    code, out, err = run("fit", noise, "--format", "json", "-o", str(model))
+    code, out, err = eadp("fit", noise, "--format", "json", "-o", str(model))
     document = json.loads(out)
     assert (code, err, list(document)) == (1, "", KEYS)
     assert (document["periodic"], document["period_s"], document["period_std_s"]) == (False, None, None)
@@ -66,40 +66,40 @@ def test_a_log_without_a_period_is_a_no_with_its_document(run: Run, noise: str, 
     assert parse_energy(read_text(str(model))).mean_w == document["mean_w"] == pytest.approx(30, abs=0.5)
 
 
-def test_a_log_without_a_period_in_words(run: Run, noise: str, tmp_path: Path) -> None:
-    code, out, _ = run("fit", noise)
+def test_a_log_without_a_period_in_words(eadp: Run, noise: str, tmp_path: Path) -> None:
+    code, out, _ = eadp("fit", noise)
     assert code == 1
     assert out.startswith("no period: the best")
     constant = tmp_path / "constant.csv"
     constant.write_text("time_s,power_w\n" + "".join(f"{i},30\n" for i in range(50)))
     said = "no period: the power is constant\nmean     30 W\nstd dev  0 W\nsamples  50 over 49 s\n"
-    assert run("fit", str(constant))[:2] == (1, said)
+    assert eadp("fit", str(constant))[:2] == (1, said)
 
 
 @pytest.mark.slow
-def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None:
+def test_model_written_is_the_document_printed(eadp: Run, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     short = ("fit", EXAMPLE, "--to", "110")
-    code, out, err = run(*short, "--format", "json", "-o", str(model))
+    code, out, err = eadp(*short, "--format", "json", "-o", str(model))
     assert (code, err) == (0, "")
     written = parse_energy(read_text(str(model)))
     assert written.period_s == json.loads(out)["period_s"]
     assert [each.amplitude_w for each in written.harmonics] == [h["amplitude_w"] for h in json.loads(out)["harmonics"]]
-    code, out, _ = run(*short, "-o", "-")
+    code, out, _ = eadp(*short, "-o", "-")
     assert (code, out) == (0, model.read_text()), "the model alone on standard output"
 
 
 @pytest.mark.slow
-def test_columns_units_order_and_prior_by_option(run: Run, tmp_path: Path) -> None:
+def test_columns_units_order_and_prior_by_option(eadp: Run, tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     rows = [line.split(",") for line in Path(EXAMPLE).read_text().splitlines()[1:1101]]
     log.write_text("when,u_v,i_a,w_w\n" + "".join(f"{1000 * float(t)},10,{float(p) / 10},{p}\n" for t, p in rows))
     arguments = ["fit", str(log), "--time", "when", "--time-unit", "ms", "--format", "json"]
-    code, out, _ = run(*arguments, "--voltage", "u_v", "--current", "i_a", "--order", "2", "--period-prior", "50")
+    code, out, _ = eadp(*arguments, "--voltage", "u_v", "--current", "i_a", "--order", "2", "--period-prior", "50")
     document = json.loads(out)
     assert (code, document["order"]) == (0, 2)
     assert document["period_s"] == pytest.approx(46.05, abs=0.3)
-    code, out, err = run(*arguments, "--power", "w_w")
+    code, out, err = eadp(*arguments, "--power", "w_w")
     assert (code, json.loads(out)["order"], err.count("warning")) == (0, 3, 0)
 
 
@@ -115,8 +115,8 @@ def test_columns_units_order_and_prior_by_option(run: Run, tmp_path: Path) -> No
         ([], "eadp: error: Missing argument"),
     ],
 )
-def test_errors_leave_stdout_empty(run: Run, arguments: list[str], message: str) -> None:
-    code, out, err = run("fit", *arguments)
+def test_errors_leave_stdout_empty(eadp: Run, arguments: list[str], message: str) -> None:
+    code, out, err = eadp("fit", *arguments)
     assert (code, out) == (2, "")
     assert err.startswith(message)
 
@@ -134,34 +134,34 @@ def flight(tmp_path: Path, header: str, row: str, noise_w: float = 0.2, n: int =
     return str(log)
 
 
-def test_known_power_of_the_computations_is_taken_off(run: Run, tmp_path: Path) -> None:
+def test_known_power_of_the_computations_is_taken_off(eadp: Run, tmp_path: Path) -> None:
     profile = str(ROOT / "profiles" / "pednet-jetson-nano.csv")
     log = flight(tmp_path, "time_s,power_w,fps", "{t},{w},{fps}")
-    code, out, _ = run("fit", log, "--profile", profile, "--format", "json")
+    code, out, _ = eadp("fit", log, "--profile", profile, "--format", "json")
     document = json.loads(out)
-    said = [run("profile", profile, "--at", f"fps={fps}")[1] for fps in (2, 4, 6, 8, 10)]
+    said = [eadp("profile", profile, "--at", f"fps={fps}")[1] for fps in (2, 4, 6, 8, 10)]
     powers = [float(text.split(": ")[1].split()[0]) for text in said]
     assert code == 0
     assert document["mean_w"] == pytest.approx(30 - np.mean(powers), abs=0.15)
-    code, out, err = run("fit", flight(tmp_path, "time_s,power_w", "{t},{w}"), "--profile", profile)
+    code, out, err = eadp("fit", flight(tmp_path, "time_s,power_w", "{t},{w}"), "--profile", profile)
     assert (code, out) == (2, "")
     assert ":1:1: error: no column fps; expected one beside time_s, power_w" in err
-    code, out, err = run("fit", flight(tmp_path, "time_s,power_w,fps", "{t},{w},900"), "--profile", profile)
+    code, out, err = eadp("fit", flight(tmp_path, "time_s,power_w,fps", "{t},{w},900"), "--profile", profile)
     assert (code, out) == (2, "")
     assert err.startswith(f"{profile}:1:1: error: the log has a configuration outside the profile: ")
 
 
-def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
+def test_what_is_left_out_is_said(eadp: Run, tmp_path: Path) -> None:
     log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}"))
     rows = log.read_text().splitlines()
     rows[50] = rows[50].split(",")[0] + ",900"
     del rows[200:240]
     log.write_text("\n".join([*rows, "400,nan", ""]))
-    code, out, err = run("fit", str(log), "--period-prior", "46")
+    code, out, err = eadp("fit", str(log), "--period-prior", "46")
     assert code == 0
     assert "\ngaps     1, the longest 20.5 s\n" in out
     assert "1 spike left out, the first at 24.5 s" in err
-    code, out, _ = run("fit", str(log), "--period-prior", "46", "--format", "json")
+    code, out, _ = eadp("fit", str(log), "--period-prior", "46", "--format", "json")
     counts = {"rows": 461, "not_finite": 1, "gaps": 1, "longest_gap_s": 20.5, "spikes": 1}
     assert (code, json.loads(out)["log"]) == (0, counts)
 
@@ -178,18 +178,18 @@ def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
         1,
     ),
 )
-def test_published_logs(run: Run, tmp_path: Path, name: str, period_s: object) -> None:
+def test_published_logs(eadp: Run, tmp_path: Path, name: str, period_s: object) -> None:
     reference = ROOT.parent / "shared" / "reference"
     if not reference.is_dir():
         pytest.skip("the published reference data are not on this machine")
     log = reference / name if "px4" in name else with_header(reference / name, tmp_path)
-    code, out, _ = run("fit", str(log), "--format", "json")
+    code, out, _ = eadp("fit", str(log), "--format", "json")
     found = json.loads(out)
     assert (code, found["period_s"] if found["periodic"] else None) == (period_s is None, period_s)
 
 
 @pytest.mark.slow
-def test_what_a_period_may_hide_is_stated(run: Run, tmp_path: Path) -> None:
+def test_what_a_period_may_hide_is_stated(eadp: Run, tmp_path: Path) -> None:
     times = np.arange(0.0, 1800.0, 0.5)
     period = 46 * (0.92 + 0.16 * times / 1800)
     log = tmp_path / "log.csv"
@@ -198,16 +198,16 @@ def test_what_a_period_may_hide_is_stated(run: Run, tmp_path: Path) -> None:
         np.savetxt(log, np.stack([times, power], axis=1), "%.6f", ",", header="time_s,power_w", comments="")
 
     write(36 + 2 * np.cos(2 * np.pi * times / 3))
-    code, out, err = run("fit", str(log), "--period-prior", "9")
+    code, out, err = eadp("fit", str(log), "--period-prior", "9")
     assert (code, out.splitlines()[0][:12]) == (0, "period   9 s")
-    code, out, err = run("fit", str(log))
+    code, out, err = eadp("fit", str(log))
     assert (code, err) == (0, "")
     assert "period   3 s" in out
     assert "; periods of 4.499 s to 947.1 s searched\n" in out
     write(36 + 2 * np.cos(2 * np.pi * np.cumsum(0.5 / period)) + np.random.default_rng(0).normal(0, 0.5, len(times)))
-    code, out, err = run("fit", str(log))
+    code, out, err = eadp("fit", str(log))
     assert code == 0
     low, high = map(float, re.findall(r"the period drifts: ([\d.]+) s to ([\d.]+) s in parts of the log", err)[0])
     assert (low, high) == (pytest.approx(period[0], rel=0.02), pytest.approx(period[-1], rel=0.02))
-    code, out, err = run("fit", str(log), "--to", "600")
+    code, out, err = eadp("fit", str(log), "--to", "600")
     assert (code, "warning: the period drifts" in err) == (0, True)

@@ -1,13 +1,15 @@
 """Power logs: what is read, what is left out with a warning, what is refused and where."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from common.answers import faults_by, first_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, InputError
+from eadp.errors import FAULTS_READ, FAULTS_SHOWN, InputError
 from eadp.io.text.streams import Text
 from eadp.measure.formats import read_power_log
 from eadp.measure.power_log import Columns, PowerLog, read_csv_log
@@ -20,15 +22,7 @@ def parse(body: str, **columns: object) -> PowerLog:
     return read_csv_log(Text("log.csv", body), Columns(**columns))  # type: ignore[arg-type]
 
 
-def first_line(fault: Fault) -> str:
-    """LINE:COL: and what a fault says, without its quoted line and the file's name."""
-    return str(fault).splitlines()[0].removeprefix("log.csv:")
-
-
-def faults_of(body: str, **columns: object) -> list[str]:
-    with pytest.raises(InputError) as caught:
-        parse(body, **columns)
-    return [first_line(fault) for fault in caught.value.faults]
+faults_of = partial(faults_by, parse, name="log.csv")
 
 
 def table(header: str, row: str, n: int = N, first: int = 0) -> str:
@@ -146,7 +140,7 @@ def test_columns_that_cannot_be_told(header: str, columns: dict[str, object], fa
 def test_rows_that_are_no_readings_are_counted_in_warnings() -> None:
     log = parse(rows("30,", "31,nan", ",5", "32,inf", "33,-Infinity", "34", "35,30"))
     assert (len(log.times_s), log.times_s[-1]) == (N + 1, 35)
-    assert [first_line(fault) for fault in log.warnings] == [
+    assert first_lines(log.warnings, "log.csv") == [
         "27:1: warning: 3 rows with an empty cell left out, the first of them here",
         "28:1: warning: 3 rows with a cell that is not finite left out, the first of them here",
     ]
@@ -157,7 +151,7 @@ def test_autopilots_say_unknown_by_minus_one_and_zero() -> None:
     log = parse(good + "30000000,15,-1\n31000000,0,2\n32000000,15,0\n33000000,-1,-1\n34000000,15,2.5\n")
     assert log.power_w[-2:].tolist() == [0, 37.5]
     message = "27:1: warning: 3 rows with an unknown voltage (0 or -1) or current (-1) left out, the first of them here"
-    assert [first_line(fault) for fault in log.warnings] == [message]
+    assert first_lines(log.warnings, "log.csv") == [message]
 
 
 def test_a_power_of_no_such_aircraft_is_refused() -> None:
@@ -169,7 +163,7 @@ def test_order_and_repetition() -> None:
     log = parse(rows("32,1", "31,2", "30,3", "32,4", "33,5"))
     assert log.times_s[-4:].tolist() == [30, 31, 32, 33]
     assert log.power_w[-4:].tolist() == [3, 2, 1, 5], "of two rows at one time the first is kept"
-    assert [first_line(fault) for fault in log.warnings] == [
+    assert first_lines(log.warnings, "log.csv") == [
         "28:1: warning: 2 rows earlier than one before: sorted by time, the first of them here",
         "30:1: warning: 1 row at the time of another left out",
     ]
@@ -177,7 +171,7 @@ def test_order_and_repetition() -> None:
 
 def test_a_gap_of_half_the_log_is_worth_a_warning() -> None:
     log = parse(rows("1000,30"))
-    assert [first_line(fault) for fault in log.warnings] == [
+    assert first_lines(log.warnings, "log.csv") == [
         "27:1: warning: a gap of 976 s before this row, more than half of the log"
     ]
 
@@ -226,7 +220,7 @@ def test_a_clock_set_back_keeps_the_longest_run() -> None:
     assert set(log.power_w.tolist()) == {5.0}
     assert len(log.times_s) == 60
     assert log.counts["restart"] == 70
-    assert [first_line(fault) for fault in log.warnings] == [
+    assert first_lines(log.warnings, "log.csv") == [
         "42:1: warning: the clock is set back here: 70 rows outside the longest run left out"
     ]
     log = parse(table("time_s,power_w", "{i},3", 40) + table("", "{i},5", 25))

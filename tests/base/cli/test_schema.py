@@ -76,9 +76,9 @@ def test_a_printed_document_has_its_label(eadp, validate, tmp_path, kind, words)
         validate(kind, json.loads(eadp("plan", "plans/valley.waypoints", "--laps", "2", "--format", "json").out))
 
 
-def test_every_command_that_prints_json_is_tried(run):
+def test_every_command_that_prints_json_is_tried(eadp):
     """Another one has its document, and a schema of it."""
-    printing = {name for name in OWN["commands"] if re.search(r"--format <[^>]*\bjson\b", run(name, "--help")[1])}
+    printing = {name for name in OWN["commands"] if re.search(r"--format <[^>]*\bjson\b", eadp(name, "--help").out)}
     assert printing == {words.split()[0] for words in PRINTED.values()}
 
 

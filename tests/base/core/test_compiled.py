@@ -7,14 +7,6 @@ from eadp.core import compiled
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 
 
-@pytest.fixture
-def switched_on():
-    """Compiled code for one test."""
-    compiled.enable()
-    yield
-    compiled.enable(False)
-
-
 def helper(x):
     return 2 * x
 
@@ -29,7 +21,8 @@ def test_off_a_function_is_itself():
 
 
 @fast
-def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
+def test_on_it_is_compiled_with_its_helpers(tmp_path, monkeypatch):
+    compiled.enable()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert not [*tmp_path.rglob("*.nbi")]
     jitted = compiled.jitted(outermost)

@@ -39,10 +39,6 @@ def grid_points(axes: list[list[float]]) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-def within(axes: list[list[float]], parts: tuple[float, ...]) -> list[float]:
-    return [axis[0] + t * (axis[-1] - axis[0]) for axis, t in zip(axes, parts, strict=True)]
-
-
 def test_power_between_two_frame_rates_worked_by_hand() -> None:
     # 2.1 is a twentieth of the way from 2 to 4: 5.21438 + 1.72774/20; the letter's printed Eq. 13 gives 22.5
     assert interpolant(FPS, POWER_W).at((2.1,)) == pytest.approx(5.300767, abs=ROUNDING)
@@ -69,7 +65,8 @@ def test_grid_is_scipys(axes: list[list[float]], data: st.DataObject, parts: tup
     points = grid_points(axes)
     values = np.array(data.draw(st.lists(value, min_size=len(points), max_size=len(points))))
     grid = interpolant(points, values)
-    asked = np.clip(within(axes, parts), grid.lower, grid.upper)
+    within = [axis[0] + t * (axis[-1] - axis[0]) for axis, t in zip(axes, parts, strict=True)]
+    asked = np.clip(within, grid.lower, grid.upper)
     oracle = RegularGridInterpolator(axes, values.reshape([len(axis) for axis in axes]))
     assert grid.at(asked) == pytest.approx(float(oracle(asked)[0]), abs=1e-7)
     assert [grid.at(point) for point in points] == pytest.approx(values, abs=ROUNDING)

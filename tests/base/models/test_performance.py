@@ -22,7 +22,7 @@ POWER_MPS = math.sqrt(W / HALF * math.sqrt(K / (3 * C_D0)))
 DRAG_MPS = math.sqrt(W / HALF * math.sqrt(K / C_D0))
 
 
-def test_best_speeds_are_the_textbooks():
+def test_best_speeds_stall_turn_and_motor_are_the_textbooks():
     found = performance(WING, IDEAL)
     assert found.endurance_mps == pytest.approx(POWER_MPS, rel=1e-6)
     assert found.range_mps == pytest.approx(DRAG_MPS, rel=1e-6)
@@ -32,16 +32,6 @@ def test_best_speeds_are_the_textbooks():
     least_w = W * POWER_MPS * 4 * C_D0 / math.sqrt(3 * C_D0 / K) / 0.5
     assert found.endurance_w == pytest.approx(least_w, rel=1e-9)
     assert found.range_mps / found.endurance_mps == pytest.approx(3**0.25, rel=1e-6)
-
-
-def test_a_circle_over_the_ground_is_as_tight_as_the_bank_allows_with_the_wind_behind():
-    # W tan φ turns the mass: v²/r = g tan φ, with v over the ground
-    radius_m = (9.0 + 4.0) ** 2 / (W * math.tan(math.radians(40)))
-    assert ground_radius_m(WING, 9.0, 4.0) == pytest.approx(radius_m, rel=1e-4)
-
-
-def test_stall_turn_and_motor():
-    found = performance(WING, IDEAL)
     assert found.stall_mps == pytest.approx(math.sqrt(W / HALF / 3.0))
     assert found.stall_in_turn_mps == pytest.approx(found.stall_mps / math.sqrt(math.cos(math.radians(40))))
     assert found.turn_radius_m == pytest.approx(49 / (W * math.tan(math.radians(40))))
@@ -55,6 +45,12 @@ def test_stall_turn_and_motor():
     assert found.bank_power_w - level == pytest.approx(
         K * W**2 * math.tan(math.radians(40)) ** 2 / (HALF * 49) * 7 / 0.5
     )
+
+
+def test_a_circle_over_the_ground_is_as_tight_as_the_bank_allows_with_the_wind_behind():
+    # W tan φ turns the mass: v²/r = g tan φ, with v over the ground
+    radius_m = (9.0 + 4.0) ** 2 / (W * math.tan(math.radians(40)))
+    assert ground_radius_m(WING, 9.0, 4.0) == pytest.approx(radius_m, rel=1e-4)
 
 
 @pytest.mark.parametrize("wind", [0.0, 3.0, 6.0])

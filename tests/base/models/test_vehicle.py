@@ -27,23 +27,6 @@ def test_a_wing_in_level_flight():
     assert WING.level_power_w(4.0, math.radians(60)) == pytest.approx(8 * (0.1 + 0.25**2 / 2) * 4 / 0.5 + 3.0)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({}, []),
-        ({"airspeed_mps": 2.0}, ["below the stall's 2.0 m/s"]),
-        ({"airspeed_mps": 2.5}, ["at a bank of 60° and 2.5 m/s the wing stalls"]),  # n = 2 takes 2.83 m/s
-        ({"airspeed_mps": 2.5, "max_bank_deg": 45.0}, []),
-        ({"max_power_w": 6.8}, ["level flight takes 7 W of a motor of 6.8 W"]),  # 6.9 W
-        ({"max_power_w": 7.0}, []),
-    ],
-)
-def test_faults_of_a_wing(changes, words):
-    faults = replace(WING, **changes).faults()
-    assert len(faults) == len(words)
-    assert all(word in fault for word, fault in zip(words, faults, strict=True))
-
-
 def test_the_papers_vehicle():
     vehicle = PaperVehicle(speed_per_throttle_mps=0.4, nominal_throttle=45.0, idle_power_w=10.0, throttle_power_w=60.0)
     assert vehicle.airspeed_mps == pytest.approx(18.0)
@@ -69,15 +52,21 @@ def test_a_power_curve():
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("airframe", "changes", "words"),
     [
-        ({}, []),
-        ({"points": ((10.0, 22.0), (10.0, 30.0))}, ["do not rise"]),
-        ({"points": ((10.0, 2.0),)}, ["no more than the avionics' 2 W"]),
-        ({"max_power_w": 44.0}, ["level flight takes 45 W of a motor of 44 W"]),
+        (WING, {}, []),
+        (WING, {"airspeed_mps": 2.0}, ["below the stall's 2.0 m/s"]),
+        (WING, {"airspeed_mps": 2.5}, ["at a bank of 60° and 2.5 m/s the wing stalls"]),  # n = 2 takes 2.83 m/s
+        (WING, {"airspeed_mps": 2.5, "max_bank_deg": 45.0}, []),
+        (WING, {"max_power_w": 6.8}, ["level flight takes 7 W of a motor of 6.8 W"]),  # 6.9 W
+        (WING, {"max_power_w": 7.0}, []),
+        (CURVE, {}, []),
+        (CURVE, {"points": ((10.0, 22.0), (10.0, 30.0))}, ["do not rise"]),
+        (CURVE, {"points": ((10.0, 2.0),)}, ["no more than the avionics' 2 W"]),
+        (CURVE, {"max_power_w": 44.0}, ["level flight takes 45 W of a motor of 44 W"]),
     ],
 )
-def test_faults_of_a_power_curve(changes, words):
-    faults = replace(CURVE, **changes).faults()
+def test_faults_of_an_airframe(airframe, changes, words):
+    faults = replace(airframe, **changes).faults()
     assert len(faults) == len(words)
     assert all(word in fault for word, fault in zip(words, faults, strict=True))

@@ -174,18 +174,14 @@ def test_static_flights_are_the_same_to_the_last_bit(vehicle, no_longer_compiled
         assert getattr(a, name) == getattr(b, name)
 
 
-def logged_every(world, every_s):
-    return replace(world, clock=world.clock._replace(log_every_s=every_s))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("on", [pytest.param(True, marks=fast), False])
 @pytest.mark.parametrize("planner", few(["joint", "static"], 1))
 def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
     overrides = {"planner.name": planner, "step_s": 0.05, "faults": [], "battery.capacity_ah": 0.4}
     (logged, steps), (unlogged, nothing) = (
-        flown({**overrides}, on=on, world=lambda world, every_s=every_s: logged_every(world, every_s))
-        for every_s in (0.1, math.inf)
+        flown({**overrides}, on=on, world=lambda world, s=s: replace(world, clock=world.clock._replace(log_every_s=s)))
+        for s in (0.1, math.inf)
     )
     assert steps
     assert not nothing

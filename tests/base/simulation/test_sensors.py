@@ -104,6 +104,7 @@ def test_quality_of_one_leg_is_the_mean_share():
     assert log.quality({"c1": 3, "c2": 1}) == pytest.approx((3 * c1 + c2) / 4)
     assert log.quality({"c1": 3}) == pytest.approx((3 * c1 + c2) / 4), "a weight that is not named is 1"
     assert log.quality({"c1": 1, "c2": 0}) == pytest.approx(c1)
+    assert log.quality({"c1": 0.0, "c2": 0.0}) is None, "nothing that is free has a weight"
     assert log.paper_metric(0.25) == pytest.approx((c1 + c2) / 2 / 0.25)
     assert log.paper_metric(0.0) is None
 
@@ -114,10 +115,6 @@ def test_time_without_a_choice_is_left_out():
     log.close(50.0)
     assert log.mean_share(1) == 1.0
     assert log.mean(1) == pytest.approx(2.0), "the mean of the value counts all the time"
-
-
-def test_a_weight_of_nothing_that_is_free_gives_no_quality():
-    assert logged().quality({"c1": 0.0, "c2": 0.0}) is None
 
 
 def test_ground_that_is_not_reached_counts_0():

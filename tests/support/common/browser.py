@@ -119,10 +119,6 @@ class Browser:
         for kind in ("mousePressed", "mouseReleased"):
             self._send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
-    def hover(self, x: float, y: float) -> None:
-        """Move the mouse to a point of the window."""
-        self._send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
-
     def picture(self, path: Path, *, whole: bool = True) -> None:
         """A picture of the page."""
         shot = self._send("Page.captureScreenshot", format="png", captureBeyondViewport=whole)

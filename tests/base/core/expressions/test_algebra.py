@@ -81,10 +81,6 @@ def test_shifts_are_shown_short(text, shown):
     assert simplified(read_expression(text)).text == shown
 
 
-def stage(path, *trigger):
-    return SymbolicStage.of(read_expression(path), tuple(map(read_expression, trigger)))
-
-
 def test_a_stage_as_sympy_has_it():
     x, y, c1 = sympy.symbols("x y c1", real=True)
     path, *trigger = map(read_expression, ("(x - c1)^2 + 3*y^2*x - 4", "c1 + 2", "0"))

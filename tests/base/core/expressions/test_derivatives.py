@@ -21,10 +21,6 @@ def jet_of(text, point=POINT, parameters=C):
     return bind(read_expression(text), named(parameters))(*point)
 
 
-def close(jet):
-    return pytest.approx(jet, rel=RELATIVE, abs=ABSOLUTE)
-
-
 WORDS = {name: getattr(mpmath, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp")}
 WORDS |= {"log": mpmath.log, "abs": abs, "min": min, "max": max, "pi": mpmath.pi}
 
@@ -53,7 +49,7 @@ def by_differences(text, point=POINT, parameters=C):
     ],
 )  # fmt: skip
 def test_jet_of_each_function(text):
-    assert jet_of(text) == close(by_differences(text))
+    assert jet_of(text) == pytest.approx(by_differences(text), rel=RELATIVE, abs=ABSOLUTE)
 
 
 numerals = st.sampled_from(["2.0", "0.5", "3.0", "1.25", "7.0"])

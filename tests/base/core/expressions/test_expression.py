@@ -112,10 +112,6 @@ def unless_limited(read):
         raise
 
 
-def read_unless_limited(text):
-    return unless_limited(lambda: read_expression(text))
-
-
 # --- texts and trees to try -------------------------------------------------------------------------------------------
 
 ONE_ARGUMENT = sorted(name for name, (_, most) in FUNCTIONS.items() if most == 1)
@@ -234,7 +230,7 @@ def test_values_are_those_of_pythons_own_parser(text):
         with pytest.raises((ExpressionError, PathUndefined)):
             value_of(text)
         return
-    expression = read_unless_limited(text)
+    expression = unless_limited(lambda: read_expression(text))
     if expression is not None:
         assert value_of(text) == pytest.approx(wanted, rel=SAME_VALUE, abs=SAME_VALUE)
         assert read_expression(expression.text).node == expression.node

@@ -138,30 +138,21 @@ def test_known_winds_with_gusts(headings, step_s):
     assert found.gust_std_mps == pytest.approx(1, rel=0.4 if headings else 0.5)
 
 
-def normalised_squares(headings, course, seeds=120, seconds=240, gust_mps=0.7):
-    """eᵀP⁻¹e of the estimate at the end, for many flights."""
+@pytest.mark.parametrize(
+    ("headings", "least", "most"), [(True, 0.7, 2.6), pytest.param(False, 0.6, 3.0, marks=pytest.mark.slow)]
+)
+def test_the_covariance_is_calibrated_with_headings_and_where_courses_turn_without_them(headings, least, most):
+    """eᵀP⁻¹e of the estimate at the end of many flights."""
     squares = []
-    for seed in range(seeds):
+    for seed in range(120):
         true = np.random.default_rng(1000 + seed).uniform(-7, 7, 2)
-        found = filtered(flown(seconds, tuple(true), gust_mps, seed, course=course), headings=headings)
+        found = filtered(flown(240, tuple(true), 0.7, seed), headings=headings)
         xx, yy, xy = found.covariance
         error = np.array(found.wind_mps) - true
         squares.append(error @ np.linalg.inv([[xx, xy], [xy, yy]]) @ error)
-    return np.array(squares)
-
-
-def test_with_headings_the_covariance_is_calibrated():
-    squares = normalised_squares(True, None)
     # χ² of two freedoms has a mean of 2; below it, as these winds stay while the filter lets them drift
-    assert 0.7 < squares.mean() < 2.6
-    assert np.mean(squares < chi2(2).ppf(0.95)) > 0.85
-
-
-@pytest.mark.slow
-def test_without_headings_it_is_calibrated_where_courses_turn():
-    squares = normalised_squares(False, None)
-    assert 0.6 < squares.mean() < 3.0
-    assert np.mean(squares < chi2(2).ppf(0.95)) > 0.85
+    assert least < np.mean(squares) < most
+    assert np.mean(np.array(squares) < chi2(2).ppf(0.95)) > 0.85
 
 
 def test_nothing_is_learned_of_what_a_single_course_does_not_show():

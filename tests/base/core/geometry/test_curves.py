@@ -42,61 +42,43 @@ def path(text, *parameters):
     return bind(read_expression(text), named(parameters))
 
 
-def near(point, metres=NANOMETRE):
-    return pytest.approx(point, abs=metres)
+def near(point):
+    return pytest.approx(point, abs=NANOMETRE)
 
 
 # --- kinds ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("kind", "text"),
     [
-        "x",
-        "y",
-        "3*x+4*y-10",
-        "x*x - x^2 + y",
-        "x^2*(c1-c1) + x",
-        "(0*x)*y^2 + x",
-        "x*((c1+1)^64)^64 + y",
-        "x*1e-9*(" + "+".join(f"sin({i}*c1)*cos(c2/{i})" for i in range(1, 60)) + ")",
+        (LINE, "x"),
+        (LINE, "y"),
+        (LINE, "3*x+4*y-10"),
+        (LINE, "x*x - x^2 + y"),
+        (LINE, "x^2*(c1-c1) + x"),
+        (LINE, "(0*x)*y^2 + x"),
+        (LINE, "x*((c1+1)^64)^64 + y"),
+        (LINE, "x*1e-9*(" + "+".join(f"sin({i}*c1)*cos(c2/{i})" for i in range(1, 60)) + ")"),
+        (CIRCLE, "(x+45)^2+(y-146)^2-4900"),
+        (CIRCLE, "((x-c1)^2+(y-c2)^2-25)/(c1^2+1)"),
+        (CIRCLE, "(x+y)^2+(x-y)^2-8"),  # 2x² + 2y² − 8
+        (CIRCLE, "(x + 2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1"),
+        (CIRCLE, "x^2+y^2"),  # a point, but the form of a circle
+        (CIRCLE, "x^2+x*y+y^2-y*x-1"),
+        (CURVE, "(x-y)^2 - 4"),
+        (CURVE, "y - sin(x)"),
+        (CURVE, "x^2 - y^2"),
+        (CURVE, "x^3 + y"),
+        (CURVE, "sqrt(x^2+y^2) - 5"),
+        (CURVE, "x^c1 + y"),
+        (CURVE, "max(x, y)"),
+        (CURVE, "atan2(y, x)"),
+        (CURVE, "0*x + 5"),  # no x is left: nothing to follow
     ],
 )
-def test_lines(text):
-    assert path_kind(read_expression(text)) == LINE
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "(x+45)^2+(y-146)^2-4900",
-        "((x-c1)^2+(y-c2)^2-25)/(c1^2+1)",
-        "(x+y)^2+(x-y)^2-8",  # 2x² + 2y² − 8
-        "(x + 2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1",
-        "x^2+y^2",  # a point, but the form of a circle
-        "x^2+x*y+y^2-y*x-1",
-    ],
-)
-def test_circles(text):
-    assert path_kind(read_expression(text)) == CIRCLE
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "(x-y)^2 - 4",
-        "y - sin(x)",
-        "x^2 - y^2",
-        "x^3 + y",
-        "sqrt(x^2+y^2) - 5",
-        "x^c1 + y",
-        "max(x, y)",
-        "atan2(y, x)",
-        "0*x + 5",  # no x is left: nothing to follow
-    ],
-)
-def test_curves(text):
-    assert path_kind(read_expression(text)) == CURVE
+def test_the_kind_of_a_path(kind, text):
+    assert path_kind(read_expression(text)) == kind
 
 
 @pytest.mark.parametrize(
@@ -136,11 +118,6 @@ def test_the_foot_is_on_the_line_and_straight_below(a, b, c, point, sense, scale
     # 90° to the left of the gradient, or to its right
     turned = np.array([[0, -1], [1, 0]]) @ np.array([a, b]) / norm * sense * math.copysign(1, scale)
     assert line.direction == near(tuple(turned))
-
-
-def test_no_gradient_is_no_line():
-    with pytest.raises(PathUndefined, match="no line"):
-        line_of(path("c1*x", 0.0), (1.0, 1.0), 1)
 
 
 # --- circles ----------------------------------------------------------------------------------------------------------
@@ -236,7 +213,9 @@ def test_projection_that_is_not_to_be_had(text, point):
         project(path(text, 0.0), point)
 
 
-def test_no_value_is_said():
+def test_no_value_no_direction_and_no_line_are_said():
+    with pytest.raises(PathUndefined, match="no line"):
+        line_of(path("c1*x", 0.0), (1.0, 1.0), 1)
     with pytest.raises(PathUndefined, match="has no value"):
         project(path("sqrt(x) - y"), (-1.0, 0.0))
     with pytest.raises(PathUndefined, match="no direction"):

@@ -19,18 +19,13 @@ def track(text, end, sense):
     return TRACKS[path_kind(expression)](bind(expression, {}), end, sense)
 
 
-def round_of_50(sense):
-    """A circle about (10, 20) with a radius of 50 m, to its easternmost point."""
-    return track("(x - 10)^2 + (y - 20)^2 - 2500", (60.0, 20.0), sense)
-
-
 def on_round(angle, radius=50.0):
     return 10 + radius * math.cos(angle), 20 + radius * math.sin(angle)
 
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_a_circle(sense):
-    circle = round_of_50(sense)
+    circle = track("(x - 10)^2 + (y - 20)^2 - 2500", (60.0, 20.0), sense)  # to its easternmost point
     before = on_round(-sense * BACK)
     assert circle.radius_m() == pytest.approx(50)
     assert circle.nearest(on_round(1.0, 80.0)) == pytest.approx(on_round(1.0))

@@ -1,12 +1,13 @@
 """Energy models in files: written and read back the same, or refused at the place that is wrong."""
 
 import json
+from functools import partial
 
 import pytest
+from common.answers import faults_by
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.errors import Fault, InputError
 from eadp.io.energy import EnergyFile, energy_document, energy_yaml, parse_energy
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import schema_of
@@ -35,14 +36,7 @@ def parse(body: str) -> EnergyModel:
     return parse_energy(Text("m.yaml", body))
 
 
-def first_line(fault: Fault) -> str:
-    return str(fault).splitlines()[0].removeprefix("m.yaml:")
-
-
-def faults_of(body: str) -> list[str]:
-    with pytest.raises(InputError) as caught:
-        parse(body)
-    return [first_line(fault) for fault in caught.value.faults]
+faults_of = partial(faults_by, parse, name="m.yaml")
 
 
 @given(periodic | aperiodic)

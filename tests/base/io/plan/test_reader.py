@@ -3,9 +3,11 @@
 import contextlib
 import math
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from common import ROOT
+from common.answers import faults_by
 from common.plans import APPENDIX_RIGHT, PARTS, SHORT, WAVES
 from common.plans import plan_of as read
 from hypothesis import HealthCheck, given, settings
@@ -27,14 +29,11 @@ NANOMETRE = 1e-9
 TWO = "0.05; 270; x+115\n-115, 11\n0.0003; 90; (x+40)^2+(y-11)^2-5625\n35, 11\n"
 
 
+faults_of = partial(faults_by, read)
+
+
 def findings_of(body):
     return read_plan(Text("p", body))[1]
-
-
-def faults_of(body):
-    with pytest.raises(InputError) as caught:
-        read(body)
-    return [str(fault).splitlines()[0] for fault in caught.value.faults]
 
 
 def anywhere(plan: Plan) -> Plan:

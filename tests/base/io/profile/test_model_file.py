@@ -2,16 +2,18 @@
 
 import json
 import statistics
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from common import ROOT
+from common.answers import faults_by, first_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.signals import average
-from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, InputError
+from eadp.errors import FAULTS_READ, FAULTS_SHOWN, InputError
 from eadp.io.profile.model_file import parse_profile, profile_document, profile_yaml
 from eadp.io.text.streams import Text, read_text
 from eadp.models.profile import Profile
@@ -22,19 +24,10 @@ def parse(body: str) -> Profile:
 
 
 def warnings_of(body: str) -> list[str]:
-    return [first_line(fault) for fault in parse_profile(Text("m.csv", body))[1]]
+    return first_lines(parse_profile(Text("m.csv", body))[1], "m.csv")
 
 
-def faults_of(body: str) -> list[str]:
-    """All the faults of a text, as the first lines that they print."""
-    with pytest.raises(InputError) as caught:
-        parse(body)
-    return [first_line(fault) for fault in caught.value.faults]
-
-
-def first_line(fault: Fault) -> str:
-    """LINE:COL: and what a fault says, without its quoted line and the file's name."""
-    return str(fault).splitlines()[0].removeprefix("m.csv:")
+faults_of = partial(faults_by, parse, name="m.csv")
 
 
 def points_of(profile: Profile) -> dict[tuple[float, ...], float]:
@@ -228,11 +221,6 @@ def test_a_model_is_known_by_its_content_or_its_ending(tmp_path: Path) -> None:
         parse_profile(read_text(str(tmp_path / "m.yaml")))
 
 
-def changed(old: str, new: str) -> str:
-    assert MODEL.count(old) == 1
-    return MODEL.replace(old, new)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "fault"),
     [
@@ -254,7 +242,8 @@ def changed(old: str, new: str) -> str:
     ],
 )
 def test_what_is_wrong_with_a_model_and_where(old: str, new: str, fault: str) -> None:
-    (found,) = faults_of(changed(old, new))
+    assert MODEL.count(old) == 1
+    (found,) = faults_of(MODEL.replace(old, new))
     assert found.startswith(fault)
 
 

@@ -117,10 +117,6 @@ def nearly_a_point(plan: Plan) -> Plan:
     return replace(plan, trigger_radius_m=MILLIMETRE)
 
 
-def box_of(plan: Plan, index=0):
-    return plan.hull(index)
-
-
 def begun(plan, parameters, rules=FLOWN):
     start = default_start(plan, parameters)[0]
     return Tracked(plan, parameters, start, rules), start
@@ -153,7 +149,7 @@ def test_the_survey_at_take_off_is_the_nominal_flight(c1):
 @pytest.mark.parametrize("with_profile", [False, True])
 def test_plans_of_parts_at_take_off(share, with_profile):
     plan = with_computations() if with_profile else covered()
-    box = box_of(plan)
+    box = plan.hull(0)
     parameters = (box.lo + share * (box.hi - box.lo), 10.0)[: len(plan.parameters)]
     follower, start = begun(plan, parameters)
     alike(follower.route(parameters).legs, nominal_legs(plan, parameters, start))
@@ -274,7 +270,7 @@ def random_decisions(rng, plan, stages, count):
 )
 def test_every_stage_tells_the_rest(make, first, stages, seed):
     rng, plan = random.Random(seed), nearly_a_point(make())
-    parameters = first(rng, box_of(plan))
+    parameters = first(rng, plan.hull(0))
     decisions = random_decisions(rng, plan, stages, rng.randrange(6))
     start = default_start(plan, parameters)[0]
     told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)

@@ -38,10 +38,6 @@ def most_at(powers, values, power):
     return max(hull_value(powers, values, p) for p in [power, *(p for p in powers if p <= power)])
 
 
-def numbered(n):
-    return np.arange(n, dtype=float)[:, None]
-
-
 coarse = st.integers(0, 6).map(float)
 points = st.lists(st.tuples(coarse, st.integers(-3, 6).map(float)), min_size=1, max_size=9)
 fine = st.floats(0, 30).map(lambda value: round(value, 6))
@@ -51,7 +47,8 @@ fine_points = st.lists(st.tuples(fine, fine), min_size=1, max_size=9)
 @given(points=st.one_of(points, fine_points))
 def test_the_envelope_is_the_upper_hull(points):
     powers, values = (np.array(column) for column in zip(*points, strict=True))
-    envelope = Configurations(powers, values, numbered(len(points))).envelope(len(points))
+    numbers = np.arange(len(points), dtype=float)[:, None]
+    envelope = Configurations(powers, values, numbers).envelope(len(points))
     # among the points, the cheapest first, rising in both
     for p, v, (i,) in zip(envelope.powers_w, envelope.values, envelope.configurations, strict=True):
         assert (p, v) == points[int(i)]

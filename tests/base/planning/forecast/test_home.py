@@ -112,17 +112,13 @@ def test_no_point_after_the_latest_turn_back_is_within_reach_of_home(home, capac
     assert latest_turn_back(found, filling).time_s == pytest.approx(known.time_s + last_s, abs=(STEP_M + 10) / 15)
 
 
-def spare_with(found, **changes):
-    """Of an evaluation with other powers of its legs."""
-    return home_spare(replace(found, load=found.load._replace(**changes)))
-
-
 def test_the_way_home_is_level_flight_where_the_plan_descends():
     """A leg that descends draws the least; the way home is none."""
     found = forecasting_of().at(0.0)
     gliding_w = np.full_like(found.load.motion_w, found.known.motion.level_w)
     gliding_w[-1] = 0.0
-    assert spare_with(found, motion_w=gliding_w) == pytest.approx(home_spare(found), abs=1e-12)
+    gliding = replace(found, load=found.load._replace(motion_w=gliding_w))
+    assert home_spare(gliding) == pytest.approx(home_spare(found), abs=1e-12)
 
 
 def returning(tmp_path, autopilot=None, landing="%: altitude 0\n%: command 21 0 0 0 0 0 0 0\n", **keys):

@@ -26,15 +26,10 @@ CALM = {"planner.joint.loss_rate_per_h": 0.0}
 PACK = {"battery.capacity_ah": 0.4, "wind.speed_mps": 2.0}
 
 
-def stated(airframe):
-    """a and b of an airframe as it states them."""
-    level_w = airframe.cruise_power_w
-    return level_w, airframe.level_power_w(airframe.airspeed_mps, math.pi / 4) - level_w
-
-
 @pytest.mark.parametrize("airframe", [WING, CURVE], ids=["polar", "curve"])
 def test_the_power_at_another_airspeed_is_the_airframes_own(airframe):
-    a, b = stated(airframe)
+    a = airframe.cruise_power_w
+    b = airframe.level_power_w(airframe.airspeed_mps, math.pi / 4) - a
     for speed in (9.5, 11.0, 13.3, 15.0, 17.0):
         for bank in (0.0, 0.3, 0.7):
             level, flat, turn, own_w = airframe.power_terms(speed)
