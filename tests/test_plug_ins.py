@@ -41,7 +41,7 @@ def site(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def installed(site, monkeypatch):
     monkeypatch.syspath_prepend(str(site))
     return site
@@ -51,7 +51,6 @@ def flown(**keys):
     return simulate(SURVEY, profile=PROFILE, overrides={"planner.name": "thrift", "time_limit_s": 60, **keys})
 
 
-@pytest.mark.usefixtures("installed")
 def test_a_planner_decides_by_its_own_settings():
     for full_soc in (1.0, 1.5):
         columns = flown(**{"planner.thrift.full_soc": full_soc, "planner.every_s": 5}).columns
@@ -62,7 +61,6 @@ def test_a_planner_decides_by_its_own_settings():
         assert set(columns["c1"]) == {0.0}
 
 
-@pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
@@ -81,14 +79,14 @@ def test_its_settings_are_checked_as_those_of_eadp(setting, message, capsys):
     assert f"--set {setting.partition('=')[0]}:1:" in error
 
 
-def test_without_the_package_its_names_are_unknown(capsys):
+def test_without_the_package_its_names_are_unknown(capsys, installed, monkeypatch):
+    monkeypatch.undo()
     assert main(["simulate", SURVEY, "--profile", PROFILE, "--planner", "thrift"]) == 2
     assert "unknown planner thrift; expected one of static, paper, joint" in capsys.readouterr().err
     assert main(["cover", MEADOW, "--swath", "30", "--pattern", "rows"]) == 2
     assert "--pattern:1:1: error: is no pattern; expected one of zamboni, dubins, auto" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("installed")
 def test_a_package_that_cannot_be_imported_is_named(site, capsys, monkeypatch):
     (site / "eadp_others.py").rename(site / "hidden")
     monkeypatch.delitem(__import__("sys").modules, "eadp_others", raising=False)
@@ -102,7 +100,6 @@ def test_a_package_that_cannot_be_imported_is_named(site, capsys, monkeypatch):
 
 
 @pytest.mark.quick(1)
-@pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("fast", [True, False])
 def test_an_airframe_flies_with_its_own_keys(fast, tmp_path):
     compiled.enable(fast)
@@ -117,7 +114,6 @@ def test_an_airframe_flies_with_its_own_keys(fast, tmp_path):
     assert flight.summary["power_w"]["min"] == pytest.approx(expected_w + computing_w, abs=0.2)
 
 
-@pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize(
     ("own", "message"),
     [
@@ -134,7 +130,6 @@ def test_formulas_that_no_flight_asks_are_refused(own, message, monkeypatch):
 
 
 @pytest.mark.quick(1)
-@pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("fast", [False, True])
 def test_cells_are_drained_and_forecast_by_their_own_law(fast):
     compiled.enable(fast)
@@ -156,7 +151,6 @@ def test_cells_are_drained_and_forecast_by_their_own_law(fast):
     assert flight.summary["soc_final"] == pytest.approx(flight.summary["energy_forecast"]["soc_end"], abs=0.01)
 
 
-@pytest.mark.usefixtures("installed")
 def test_the_charge_of_a_voltage_is_the_inverse_of_the_law():
     battery, soc = Battery(chemistry="sodium", cells=3), np.linspace(-0.0, 1.0, 77)
     assert battery.soc_at(battery.voltage_at(soc)) == pytest.approx(soc, abs=1e-12)
@@ -166,7 +160,6 @@ def test_the_charge_of_a_voltage_is_the_inverse_of_the_law():
     )
 
 
-@pytest.mark.usefixtures("installed")
 def test_a_pattern_covers_a_field(capsys, tmp_path):
     words = ["cover", MEADOW, "--min-radius", "30", "--swath", "30", "--pattern", "rows"]
     assert main([*words, "--format", "json"]) == 0
@@ -177,7 +170,6 @@ def test_a_pattern_covers_a_field(capsys, tmp_path):
     assert "--pattern:1:1: error: covers a field in one flight" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("installed")
 def test_a_mission_is_read_and_written(capsys, tmp_path):
     mission = tmp_path / "m.txt"
     mission.write_text(CORNERS)
@@ -192,7 +184,6 @@ def test_a_mission_is_read_and_written(capsys, tmp_path):
     assert "m.txt:3:1: error: is no place; expected latitude longitude altitude" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("installed")
 def test_a_command_and_a_file_of_results(capsys, tmp_path):
     plan = tmp_path / "lines.plan"
     plan.write_text("0.1; 90; x - 100\n100, 100\n0.1; 270; -y + 100\n0, 100\n")
@@ -207,7 +198,6 @@ def test_a_command_and_a_file_of_results(capsys, tmp_path):
     assert capsys.readouterr().out.splitlines() == [head, *rows]
 
 
-@pytest.mark.usefixtures("installed")
 def test_a_log_is_fitted(capsys, tmp_path):
     log = tmp_path / "log.bars"
     log.write_text("bars\n" + "".join(f"{i / 10}|{36 + 2 * math.cos(math.pi * i / 100)}\n" for i in range(500)))
@@ -218,7 +208,6 @@ def test_a_log_is_fitted(capsys, tmp_path):
     assert "is no row of two numbers; expected seconds|watts" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("installed")
 def test_an_error_of_a_package_is_a_bug(capsys, monkeypatch):
     words = ["simulate", SURVEY, "--profile", PROFILE, "--planner", "thrift", "--set", "time_limit_s=1"]
     planner = plug_in("planners", "thrift")

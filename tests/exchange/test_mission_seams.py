@@ -43,14 +43,6 @@ def headers(text):
     return {line.split()[1]: line for line in text.splitlines() if line.startswith("%:")}
 
 
-def moved(plan, tmp_path, corners, name="house"):
-    """The plan with its obstacle somewhere else."""
-    text = plan.read_text()
-    path = tmp_path / "moved.plan"
-    path.write_text(text.replace(headers(text)["avoid"], f"%: avoid {name} {corners}"))
-    return path
-
-
 def planned(eadp, path, *given):
     """The file of a plan that `eadp plan` changes, as it stands in a pipe."""
     answer = eadp("plan", *given)
@@ -72,8 +64,8 @@ def test_cover_writes_the_mission_and_plan_keeps_it(eadp, covered):
 
 @pytest.mark.usefixtures("drawn")
 def test_a_flight_into_an_obstacle_or_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
-    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
-    folder = tmp_path / "out"
+    plan, folder, text = tmp_path / "moved.plan", tmp_path / "out", covered.read_text()
+    plan.write_text(text.replace(headers(text)["avoid"], "%: avoid house 100,-20 120,-20 120,500 100,500"))
     answer = eadp("simulate", plan, *FLIGHT, "-o", folder)
     assert answer.code == 1
     assert "NOT completed: entered house at " in answer.out
@@ -84,7 +76,6 @@ def test_a_flight_into_an_obstacle_or_beyond_the_boundary_is_not_completed(eadp,
     assert entry["inside_m"] > 0.99 * 20 * 4
     assert "entered house" in (folder / "report.html").read_text()
     assert eadp("simulate", plan, *FLIGHT, "--set", "obstacles=ignore").code == 0
-    text = covered.read_text()
     plan.write_text(text.replace(headers(text)["inside"], "%: inside -90,-90 500,-90 500,490 -90,490"))
     answer = eadp("simulate", plan, *FLIGHT)
     assert answer.code == 1

@@ -500,7 +500,6 @@ def test_over_a_socket_and_again_from_its_log(eadp, plan, lines, flown, tmp_path
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port_out,
     ):
         port_out.bind(("127.0.0.1", 0))
-        port_out.settimeout(60.0)
         heard, codec = set(), Codec(frozenset({"STATUSTEXT", "NAMED_VALUE_FLOAT", "HEARTBEAT"}))
         # until it listens, a datagram is refused or lost
         autopilot, deadline = Autopilot(), time.monotonic() + 60

@@ -56,6 +56,12 @@ def whole():
     return [json.loads(line, parse_constant=no_constant) for line in out.getvalue().splitlines()]
 
 
+@pytest.fixture
+def log(tmp_path):
+    """Where a log is written."""
+    return tmp_path / "flight.jsonl"
+
+
 def sent(lines):
     """Lines of telemetry as they are sent."""
     return "".join(json.dumps(line) + "\n" for line in lines).encode()
@@ -199,8 +205,7 @@ def test_the_page_shows_real_lines(whole):
 
 
 @pytest.mark.slow
-def test_a_flight_goes_on_from_its_log(replan, whole, tmp_path):
-    log = tmp_path / "flight.jsonl"
+def test_a_flight_goes_on_from_its_log(replan, whole, log):
     first = replan(b"".join(LINES[:90]), "--log", log)
     then = replan(b"".join(LINES[90:110]), "--log", log)  # a cell drops at 93 s
     assert (then[0], then[2]) == (0, "")
@@ -210,8 +215,7 @@ def test_a_flight_goes_on_from_its_log(replan, whole, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_recorded_flight_may_be_given_again_from_its_start(replan, whole, tmp_path):
-    log = tmp_path / "flight.jsonl"
+def test_a_recorded_flight_may_be_given_again_from_its_start(replan, whole, log):
     replan(b"".join(LINES[:100]), "--log", log)
     code, advice, err = replan(b"".join(LINES[:150]), "--log", log)
     assert code == 0
@@ -220,10 +224,7 @@ def test_a_recorded_flight_may_be_given_again_from_its_start(replan, whole, tmp_
     assert replan(b"".join(LINES[:150]), "--log", log)[:2] == (0, [])
 
 
-def test_a_torn_last_line_is_dropped_and_a_decision_that_was_not_emitted_is_emitted_at_the_start(
-    replan, whole, tmp_path
-):
-    log = tmp_path / "flight.jsonl"
+def test_a_torn_last_line_is_dropped_and_a_decision_that_was_not_emitted_is_emitted_at_the_start(replan, whole, log):
     replan(b"".join(LINES[:30]), "--log", log)
     kept = log.read_bytes().splitlines(keepends=True)
     log.write_bytes(b"".join(kept[:-1]))
@@ -236,8 +237,7 @@ def test_a_torn_last_line_is_dropped_and_a_decision_that_was_not_emitted_is_emit
     assert all(json.loads(line) for line in log.read_text().splitlines())
 
 
-def test_a_mission_whose_line_is_torn_is_not_taken(tmp_path):
-    log = tmp_path / "flight.jsonl"
+def test_a_mission_whose_line_is_torn_is_not_taken(log):
     begun = ReplanLog(str(log), "inputs")
     begun.decision({})
     begun.close()
@@ -249,8 +249,7 @@ def test_a_mission_whose_line_is_torn_is_not_taken(tmp_path):
 
 
 @pytest.mark.parametrize("changed", [("--set", "reserve_soc=0.1"), ("--planner", "static")])
-def test_the_log_of_other_inputs_is_refused(replan, tmp_path, changed):
-    log = tmp_path / "flight.jsonl"
+def test_the_log_of_other_inputs_is_refused(replan, log, changed):
     replan(b"".join(LINES[:5]), "--log", log)
     before = log.read_bytes()
     code, advice, err = replan(b"".join(LINES[5:9]), "--log", log, *changed)
@@ -260,8 +259,7 @@ def test_the_log_of_other_inputs_is_refused(replan, tmp_path, changed):
 
 
 @pytest.mark.parametrize("line", [b"garbage\n", b'{"kind": "telemetry", "time_s": NaN}\n', b'{"kind": 1e999}\n'])
-def test_a_log_with_a_line_that_is_none_is_refused(replan, tmp_path, line):
-    log = tmp_path / "flight.jsonl"
+def test_a_log_with_a_line_that_is_none_is_refused(replan, log, line):
     replan(b"".join(LINES[:5]), "--log", log)
     lines = log.read_bytes().splitlines(keepends=True)
     log.write_bytes(b"".join([*lines[:3], line, *lines[3:]]))
@@ -271,8 +269,7 @@ def test_a_log_with_a_line_that_is_none_is_refused(replan, tmp_path, line):
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_goes_on_where_it_was(tmp_path, whole):
-    log = tmp_path / "flight.jsonl"
+def test_a_process_that_is_killed_goes_on_where_it_was(log, whole):
     emitted = []
     for start, end in ((0, 30), (30, 60)):
         process = started("--log", log)
@@ -289,8 +286,7 @@ def test_a_process_that_is_killed_goes_on_where_it_was(tmp_path, whole):
 
 
 @pytest.mark.slow
-def test_two_processes_cannot_share_a_log(tmp_path, replan):
-    log = tmp_path / "flight.jsonl"
+def test_two_processes_cannot_share_a_log(log, replan):
     with started("--log", log) as process:
         ask(process, LINES[0])
         code, advice, err = replan(LINES[0], "--log", log)
@@ -299,8 +295,7 @@ def test_two_processes_cannot_share_a_log(tmp_path, replan):
     assert f"{log}:1:1: error: is in use by another process" in err
 
 
-def test_it_answers_line_by_line_and_an_interrupt_is_130(tmp_path):
-    log = tmp_path / "flight.jsonl"
+def test_it_answers_line_by_line_and_an_interrupt_is_130(log):
     with started("--log", log) as process:
         for line in LINES[:3]:
             assert json.loads(ask(process, line))["time_s"] == json.loads(line)["time_s"]
@@ -367,26 +362,18 @@ def test_a_table_as_telemetry_is_one_line(replan):
         assert err.count("\n") == 1
 
 
-def mathematical(line):
-    """The line with its heading sent as a mathematical angle."""
-    return line | {"heading_deg": 90 - line["heading_deg"]}
-
-
-def check_headings(decisions, wind, within_s):
-    first = next(line for line in decisions if "heading-disbelieved" in line["warnings"])
-    assert first["time_s"] < within_s
-    later = [line for line in decisions if line["time_s"] > first["time_s"] + 60 and line["wind_mps"] is not None]
-    assert len(later) > 100
-    assert all("heading-disbelieved" in line["warnings"] for line in later)
-    assert max(abs(complex(*line["wind_mps"]) - wind) for line in later) < 2.0
-
-
 @pytest.mark.slow
 def test_mathematical_headings_are_disbelieved_and_the_wind_is_found_without(replan, whole):
     assert not any("heading-disbelieved" in line["warnings"] for line in whole)
-    code, decisions, _ = replan(sent([mathematical(line) for line in LINES_OF[:300]]))
+    code, decisions, _ = replan(sent([line | {"heading_deg": 90 - line["heading_deg"]} for line in LINES_OF[:300]]))
     assert code == 0
-    check_headings(decisions, complex(*whole[-2]["wind_mps"]), 100)
+    first = next(line for line in decisions if "heading-disbelieved" in line["warnings"])
+    assert first["time_s"] < 100
+    later = [line for line in decisions if line["time_s"] > first["time_s"] + 60 and line["wind_mps"] is not None]
+    assert len(later) > 100
+    assert all("heading-disbelieved" in line["warnings"] for line in later)
+    wind = complex(*whole[-2]["wind_mps"])
+    assert max(abs(complex(*line["wind_mps"]) - wind) for line in later) < 2.0
 
 
 REACHED, DOUBT = "final point reached", "final point passed by less"

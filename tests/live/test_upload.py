@@ -437,11 +437,16 @@ CAMERA = """\
 """
 
 
+def mapped(plan, *, px4=False, **options):
+    """What is planned, and its items with their stages."""
+    planned = nominal_route(plan, ()).planned()
+    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN, **options)
+    return planned, mapped_items(mission_items(path, px4=px4), planned, plan.path_count)
+
+
 def test_the_rest_has_the_camera_of_each_line():
     plan, _ = read_plan(Text("camera", CAMERA))
-    planned = nominal_route(plan, ()).planned()
-    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
-    whole = mapped_items(mission_items(path), planned, 0)
+    planned, whole = mapped(plan)
     kept, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned, px4=False)
     assert 0 < kept < len(whole)
     assert [each.item[:3] for each in rest] == [each.item[:3] for each in whole[kept:]]  # legs count from the first
@@ -452,9 +457,7 @@ def test_an_airspeed_that_ends_in_the_rest_is_commanded():
     first, rest = CAMERA.split("0.1; 270; x - 100")
     text = f"%: airspeed 12\n{first}%: airspeed default\n0.1; 270; x - 100{rest}"
     plan, _ = read_plan(Text("speeds", text))
-    planned = nominal_route(plan, ()).planned()
-    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
-    whole = mapped_items(mission_items(path), planned, 0)
+    planned, whole = mapped(plan)
     _, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned, px4=False)
     assert [each.item.parameters[1] for each in rest if each.item.command == 178] == [-2]
 
@@ -476,9 +479,7 @@ ROUND_SHORT_LINE = """\
 def test_a_turn_whose_first_corner_stays_does_so_to_the_return(px4):
     """The line before it is short: it ends in that corner."""
     plan, _ = read_plan(Text("short", ROUND_SHORT_LINE))
-    planned = nominal_route(plan, ()).planned()
-    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN, trigger_distance_m=20.0)
-    whole = mapped_items(mission_items(path, px4=px4), planned, 0)
+    planned, whole = mapped(plan, px4=px4, trigger_distance_m=20.0)
     assert (3, 4) in [(each.first, each.last) for each in whole]
     kept, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned.after(2), px4=px4)
     assert (kept, rest, whole[-1].item.command) == (len(whole), [], 20)
@@ -487,9 +488,7 @@ def test_a_turn_whose_first_corner_stays_does_so_to_the_return(px4):
 def test_new_items_begin_after_all_stages_that_items_which_stay_lead_along():
     """An item that stays leads on along a stage whose own last item leads on along another one."""
     plan, _ = read_plan(Text("short", ROUND_SHORT_LINE + "0.1; 270; x - 120\n120, 200\n0.1; 270; x - 130\n130, 100\n"))
-    planned = nominal_route(plan, ()).planned()
-    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
-    whole = mapped_items(mission_items(path, px4=True), planned, 0)
+    planned, whole = mapped(plan, px4=True)
     longer = [each._replace(last=5) if each.first == 4 else each for each in whole]
     assert {(each.first, each.last) for each in longer} >= {(3, 4), (4, 5)}
     layout = RestLayout(plan, 15.0)
@@ -502,18 +501,9 @@ def test_new_items_begin_after_all_stages_that_items_which_stay_lead_along():
 def test_the_rest_for_px4_has_no_loiters(px4):
     plan, _ = read_plan(Text("stadium", STADIUM.format(2, 40, 8, 30)))
     plan = replace(plan, site=plan.site._replace(origin_deg=ORIGIN))
-    planned = nominal_route(plan, ()).planned()
-    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
-    whole = mapped_items(mission_items(path, px4=px4), planned, plan.path_count)
+    planned, whole = mapped(plan, px4=px4)
     _, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned, px4=px4)
     assert any(each.item.command == 18 for each in rest) is not px4
-
-
-def wanted_of(inputs):
-    """The parameters that ArduPilot is asked for."""
-    aircraft = inputs.mission.plan, inputs.mission.vehicle, inputs.mission.battery
-    wanted = [*wanted_parameters(*aircraft, ardupilot=True), *speed_limits(*aircraft[:2], ardupilot=True)]
-    return read_parameters(wanted, ardupilot=True)
 
 
 @pytest.mark.quick(1)
@@ -528,6 +518,8 @@ def test_parameters_that_disagree_are_said_once(inputs, mission, lines, older):
     (said,) = [text for text in flown.said if "forecast does not hold" in text]
     wanted = f"TRIM_ARSPD_CM is 1800, not {100 * cruise_mps:g}", f"AIRSPEED_CRUISE is 18, not {cruise_mps:g}"
     assert said == f"the forecast does not hold: {wanted[not older]}"
-    asked = flown.holder.kinds.count("PARAM_REQUEST_READ")
-    assert asked <= 2 * ASKED * len(wanted_of(inputs))
+    aircraft = inputs.mission.plan, inputs.mission.vehicle, inputs.mission.battery
+    asked_for = [*wanted_parameters(*aircraft, ardupilot=True), *speed_limits(*aircraft[:2], ardupilot=True)]
+    limit = 2 * ASKED * len(read_parameters(asked_for, ardupilot=True))
+    assert flown.holder.kinds.count("PARAM_REQUEST_READ") <= limit
     assert sum("forecast does not hold" in m.fields["text"] for m in flown.sent if m.kind == "STATUSTEXT") == 1

@@ -14,13 +14,6 @@ PLANS = sorted(path.stem for path in BAD.glob("*.plan"))
 PLACE = re.compile(r"(?P<file>[^:]+):(?P<line>[1-9][0-9]*):(?P<column>[1-9][0-9]*): error: (?P<message>.+)")
 
 
-def said(name, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    with pytest.raises(InputError) as caught:
-        read_plan(read_text(f"tests/bad/{name}.plan"))
-    return str(caught.value)
-
-
 def golden(name):
     return (BAD / f"{name}.expected").read_text(encoding="utf-8")
 
@@ -31,8 +24,11 @@ def test_there_are_plans_and_nothing_is_left_over():
 
 
 def test_each_error_is_the_golden_one_and_has_its_place_in_the_file(monkeypatch):
+    monkeypatch.chdir(ROOT)
     for name in PLANS:
-        error = said(name, monkeypatch)
+        with pytest.raises(InputError) as caught:
+            read_plan(read_text(f"tests/bad/{name}.plan"))
+        error = str(caught.value)
         assert f"{error}\n" == golden(name)
         lines = (BAD / f"{name}.plan").read_bytes().decode("utf-8-sig", errors="replace").split("\n")
         places = []

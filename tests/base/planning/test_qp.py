@@ -85,42 +85,13 @@ def test_answers_satisfy_the_kkt_conditions(seed):
 # --- what fails
 
 
-def contradiction(data):
-    data[2][2], data[3][2] = 3.0, 4.0  # a sum of 3 within the unit box
-
-
-def above(data):
-    data[2][0], data[3][0] = 1.0, 0.5
-
-
-def not_a_number(part):
-    def spoil(data):
-        data[part].ravel()[0] = np.nan
-
-    return spoil
-
-
-def infinite(part, value):
-    def spoil(data):
-        data[part].ravel()[-1] = value
-
-    return spoil
-
-
-def too_long(part):
-    def spoil(data):
-        data[part] = np.concatenate([data[part], data[part][:1]])
-
-    return spoil
-
-
-FAULTS = {
-    "infeasible": contradiction,
-    "lower above upper": above,
-    **{f"NaN in part {part}": not_a_number(part) for part in range(5)},
-    **{f"infinite, part {part}": infinite(part, np.inf) for part in range(5)},
-    "both infinities": lambda data: (infinite(2, -np.inf)(data), infinite(3, np.inf)(data)),
-    **{f"part {part} too long": too_long(part) for part in range(5)},
+FAULTS = {  # parts of the data, places in them, and values there; without a place, one row more
+    "infeasible": [(2, 2, 3.0), (3, 2, 4.0)],  # a sum of 3 within the unit box
+    "lower above upper": [(2, 0, 1.0), (3, 0, 0.5)],
+    **{f"NaN in part {part}": [(part, 0, np.nan)] for part in range(5)},
+    **{f"infinite, part {part}": [(part, -1, np.inf)] for part in range(5)},
+    "both infinities": [(2, -1, -np.inf), (3, -1, np.inf)],
+    **{f"part {part} too long": [(part, None, None)] for part in range(5)},
 }
 
 
@@ -131,7 +102,11 @@ def test_faults_are_told_and_leave_no_trace(fault, first):
     if not first:
         program.solve(*box_data())
     data = box_data()
-    FAULTS[fault](data)
+    for part, place, value in FAULTS[fault]:
+        if place is None:
+            data[part] = np.concatenate([data[part], data[part][:1]])
+        else:
+            data[part].flat[place] = value
     with pytest.raises(SolverFailed):
         program.solve(*data)
     assert program.solve(*box_data((-3.0, -2.0))).x == pytest.approx([1.0, 0.5], abs=FEASIBLE)

@@ -4,7 +4,6 @@ Source of the figures: the letter's published flights; docs/reproduction.md list
 """
 
 import ast
-import csv
 import itertools
 from functools import lru_cache
 
@@ -143,12 +142,8 @@ def test_path_and_power_follow_the_published_data(reference, flight):
     scenario = {"static-I": "paper-I-static", "dynamic-i": "paper-i-dynamic"}[flight]
     steps = flown(scenario)[2]
     ours = np.array([(step.time_s, step.x_m, step.y_m, step.power_w) for step in steps])
-
-    def rows(name):
-        with open(reference / f"flights/{flight}_{name}.csv", newline="") as stream:
-            return np.array([[float(cell) for cell in row] for row in csv.reader(stream) if row])
-
-    position, energy = rows("position"), rows("energy")
+    files = (reference / f"flights/{flight}_{name}.csv" for name in ("position", "energy"))
+    position, energy = (np.loadtxt(file, delimiter=",") for file in files)
     time_s = np.interp(np.linspace(0, 1, len(position)), np.linspace(0, 1, len(energy)), energy[:, 0])
     keep = (time_s <= ours[-1, 0]) & (time_s <= 269.0)  # where i's second change falls a step earlier, paths part
     gap = [np.interp(time_s[keep], ours[:, 0], ours[:, k]) - position[keep, k - 1] for k in (1, 2)]
@@ -163,16 +158,14 @@ def test_the_states_of_the_published_filter_follow_the_published_data(reference)
     """Flight I from 100 s on. The letter's α0 is that of the whole power, ours of the motion's."""
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-I-static.yaml"))
     estimates = fly_flight(inputs).estimates
-    with open(reference / "flights/static-I_energy.csv", newline="") as stream:
-        published = np.array([[float(cell) for cell in row] for row in csv.reader(stream) if row])
+    published = np.loadtxt(reference / "flights/static-I_energy.csv", delimiter=",")
     published = published[published[:, 0] > 100.0]
     ours = np.array([[one.time_s, *one.state[:7]] for one in estimates])
     ours[:, 1] += [one.computing_w for one in estimates]
     for k in range(7):
         gap_w = np.interp(published[:, 0], ours[:, 0], ours[:, 1 + k]) - published[:, 3 + k]
         assert np.sqrt(np.mean(gap_w**2)) < SAME_STATE_W
-    with open(reference / "flights/static-I_period.csv", newline="") as stream:
-        periods = np.array([[float(cell) for cell in row] for row in csv.reader(stream) if row])
+    periods = np.loadtxt(reference / "flights/static-I_period.csv", delimiter=",")
     known = periods[:, 0] * 0.01 < ours[-1, 0]
     nearest = np.searchsorted(ours[:, 0], periods[known, 0] * 0.01 - 0.005)
     gaps_s = np.abs(np.array([estimates[i].period_s for i in nearest]) - periods[known, 1])

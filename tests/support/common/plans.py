@@ -104,6 +104,9 @@ trig:
 """
 """Laps of a wave and a line, moved along and up."""
 
+ROUND_AND_ON = "0.001; 90; x^2 + y^2 - 2500\n50, 0\n0.05; 90; x - 50\n50, 200\n"
+"""A whole circle, and on along a line."""
+
 STADIUM = """\
 0.1; 270; x + 75
 -75, 0, {}

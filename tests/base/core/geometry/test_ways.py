@@ -24,10 +24,6 @@ def ways(*avoid, inside=(), home_m=HOME_M):
     return WaysTo(home_m, FreeSpace(avoid, inside, CLEAR_M), FreeSpace(avoid, inside), RADIUS_M)
 
 
-def way_length_m(start, line):
-    return sum(math.dist(a, b) for a, b in zip((start, *line[:-1]), line, strict=True))
-
-
 def grid_length_m(start, end, space, step=5.0):
     """Shortest way on a grid with 32 directions: longer than the shortest in the plane by up to 1.3 %."""
     x, y = np.meshgrid(np.arange(-60, 420, step), np.arange(-160, 260, step), indexing="ij")
@@ -56,7 +52,8 @@ def test_the_way_is_about_the_shortest_that_keeps_clear(start, avoid):
     assert FreeSpace(avoid).has([start, *line])
     shortest_m = grid_length_m(start, HOME_M, FreeSpace(avoid, (), CLEAR_M))
     # its corners lie about a radius out
-    assert 0.98 * shortest_m <= way_length_m(start, line) <= shortest_m + 2 * RADIUS_M
+    length_m = sum(math.dist(a, b) for a, b in itertools.pairwise([start, *line]))
+    assert 0.98 * shortest_m <= length_m <= shortest_m + 2 * RADIUS_M
 
 
 def test_without_anything_in_the_way_it_is_a_straight_line():

@@ -5,7 +5,7 @@ import math
 
 import pytest
 from common import ROOT
-from common.plans import WAVES, plan_of, survey
+from common.plans import ROUND_AND_ON, WAVES, plan_of, survey
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -60,13 +60,6 @@ def to_next(itinerary):
 
 
 # --- arming -----------------------------------------------------------------------------------------------------------
-
-ROUND_AND_ON = """\
-0.001; 90; x^2 + y^2 - 2500
-50, 0
-0.05; 90; x - 50
-50, 200
-"""
 
 
 def test_a_closed_circle_does_not_fire_where_it_starts():
@@ -169,18 +162,12 @@ def test_published_triggers_are_a_box_and_can_be_missed():
 # --- the same in later laps -------------------------------------------------------------------------------------------
 
 
-def flown_laps(plan, laps, stages=0):
-    """An itinerary at the start of a stage of a lap, by its triggers."""
-    itinerary = begun(plan, (0.0,) * len(plan.parameters))
-    for _ in range(4 * laps + stages):
-        to_next(itinerary)
-    return itinerary
-
-
 @pytest.mark.parametrize("lap", [1, 7])
 @pytest.mark.parametrize("off_m", [-30, 30])
 def test_a_line_of_a_later_lap_past_its_trigger(lap, off_m):
-    itinerary = flown_laps(survey(), lap, 1)
+    itinerary = begun(survey(), (0.0, 0.0))
+    for _ in range(4 * lap + 1):
+        to_next(itinerary)
     x = -115 + 10 * lap + off_m
     _, y = first_change(itinerary, polyline((x, 146 + lap), (x, -80)))
     assert y == pytest.approx(-11 + lap, abs=STEP_M + NANOMETRE)

@@ -23,20 +23,13 @@ def parameters_of(plan, share):
     return (box.lo + share * (box.hi - box.lo), *[plan.hull(i).hi for i in range(1, len(plan.names))])
 
 
-def on_paper(plan, start, decide, stop=None):
-    """Fly legs at a constant speed; `decide` maps (time, cursor) to parameters; ends short at `stop`: log and time."""
+def on_paper(plan, start, decide):
+    """Fly legs at a constant speed; `decide` maps (time, cursor) to parameters: log and time."""
     cursor, joined, time_s = PlanCursor.start(plan, decide(0.0, None)), start, 0.0
     log, predictor = ParameterLog(plan, cursor, joined), RoutePredictor()
     while True:
         route = predictor.route(cursor, joined)
         leg = route.legs[0]
-        if stop is not None and time_s + leg.distance_m / SPEED_MPS > stop:
-            flown_m = (stop - time_s) * SPEED_MPS
-            (x, y), (ox, oy) = leg.start_m, leg.offset_m
-            share = flown_m / leg.length_m
-            px, py, _ = leg.track.points((x - ox, y - oy), flown_m, share, max(1, int(flown_m)))[-1]
-            log.close(stop, ((px + ox, py + oy), SPEED_MPS))
-            return log, stop
         time_s += leg.distance_m / SPEED_MPS
         if len(route.order) == 1:
             log.close(time_s)

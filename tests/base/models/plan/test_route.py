@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.observations import Piloted
-from common.plans import PARTS, WAVES, plan_of, survey
+from common.plans import PARTS, ROUND_AND_ON, WAVES, plan_of, survey
 from common.routes import Tracked
 from scipy.integrate import quad
 
@@ -43,12 +43,6 @@ FLOWN_IN_WIND = 0.03
 FLOWN = Rules()
 
 A_CURVE = f"1; 270; y - 10*sin(x/60)\n150, {10 * math.sin(2.5)!r}\n0.1; 90; x - 150\n150, 400\n"
-ROUND_TWICE = """\
-0.001; 90; x^2 + y^2 - 2500
-50, 0
-0.05; 90; x - 50
-50, 200
-"""
 TWO_PARAMETERS = """\
 init:
 n = 4
@@ -155,7 +149,7 @@ def test_plans_of_parts_at_take_off(share, with_profile):
     alike(follower.route(parameters).legs, nominal_legs(plan, parameters, start))
 
 
-@pytest.mark.parametrize("text", [WAVES, ROUND_TWICE, "0.1; 90; x\n0, 400\n"], ids=["waves", "circle", "one stage"])
+@pytest.mark.parametrize("text", [WAVES, ROUND_AND_ON, "0.1; 90; x\n0, 400\n"], ids=["waves", "circle", "one stage"])
 def test_curves_and_explicit_plans(text):
     plan = plan_of(text)
     follower, start = begun(plan, ())
@@ -444,7 +438,7 @@ def test_left_along_each_leg(make):
 
 
 def test_left_of_a_whole_turn_is_told_apart_by_what_is_flown():
-    follower = Tracked(plan_of(ROUND_TWICE), (), (50.0, 0.0))
+    follower = Tracked(plan_of(ROUND_AND_ON), (), (50.0, 0.0))
     leg = follower.route(()).legs[0]
     assert leg.length_m == pytest.approx(100 * math.pi)
     assert left_m(leg, (50.0, 0.0), 0.0) == pytest.approx(100 * math.pi)

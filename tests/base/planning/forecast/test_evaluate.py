@@ -278,18 +278,14 @@ def test_the_letters_limit_excludes_configurations_late_in_the_flight():
     slower = min(1.0, (found.known.soc - 0.05) / taken.sum())
     socs = found.known.soc - np.cumsum(taken) * slower
     allowed = np.maximum(socs, 0) * b.capacity_ah * b.voltage_v * 8.5 - found.load.peak_w
-    limited = allowed < module_deliverable(found, b)
+    # 0.999 of the most that a battery without other limits delivers, V²/4R, less the motion's peak
+    limited = allowed < 0.999 * b.voltage_v**2 / (4 * b.resistance_ohm) - found.load.peak_w
     assert found.limits.by_letter.tolist() == limited.tolist()
     assert found.limits.room_w[limited] == pytest.approx(allowed[limited], abs=1e-6)
     for leg in np.flatnonzero(found.limits.truncated).tolist():
         powers_w = forecasting.evaluator.envelopes[int(found.kinds[leg])].powers_w
         assert powers_w[-1] <= max(found.limits.room_w[leg], powers_w[0])
     assert found.limits.truncated.any()
-
-
-def module_deliverable(found, battery):
-    """0.999 of the most that a battery without other limits delivers, V²/4R, less the motion's peak."""
-    return 0.999 * battery.voltage_v**2 / (4 * battery.resistance_ohm) - found.load.peak_w
 
 
 @pytest.mark.parametrize("limit", ["current", "cut-off"])
@@ -345,9 +341,8 @@ def leg_use(forecasting, found, last):
 # --- value ------------------------------------------------------------------------------------------------------------
 
 
-def quality_of(forecasting, found, place, shares_of_c2, flown=None):
+def quality_of(forecasting, found, place, shares_of_c2, flown):
     """U with these shares of c2's set on each leg, from the definition: ground of laps by lengths and advances."""
-    flown = flown or FlownGround()
     route, plan = found.routes[place], forecasting.mission.plan
     times = found.load.times_s[found.legs.place == place]
     weights = [forecasting.settings.weights.get(name, 1.0) for name in plan.names]

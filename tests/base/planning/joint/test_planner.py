@@ -132,18 +132,17 @@ def planner_of(text, battery, **settings):
     return Piloted(JointPlanner(PlannerSettings(name="joint", **settings), mission, own))
 
 
-def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost=lambda time_s: 0.0):
+def north(pilot, battery, seconds, lost=lambda time_s: 0.0):
     """Fly north along a line second by second, the battery drained by what motion and computations take."""
     soc = 1.0
     parameters, decisions = (10.0,), []
     for k in range(1, seconds):
-        stage = int(SPEED_MPS * k // stage_m) + 1
-        own = max(parameters[0], 2.0) if running(stage) else 0.0
-        power = MOTION_W + (float(np.interp(own, [2, 10], [4.8, 9.8])) if running(stage) else 0.0)
+        own = max(parameters[0], 2.0)
+        power = MOTION_W + float(np.interp(own, [2, 10], [4.8, 9.8]))
         soc -= battery.drain_per_s(power, battery.voltage_v)
         motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
         plan, y, known = pilot.mission.plan, SPEED_MPS * k, soc - lost(k)
-        seen = observation(plan, (own,), float(k), 0.0, y, started=stage, power_w=power, soc=known, **motion)
+        seen = observation(plan, (own,), float(k), 0.0, y, power_w=power, soc=known, **motion)
         decisions.append(pilot.take(seen))
         parameters = decisions[-1].parameters
     return decisions, soc
