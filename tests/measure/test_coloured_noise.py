@@ -36,7 +36,6 @@ def correlations(table: TimeBins) -> list[np.ndarray]:
     return [v * w @ v.T for w, v in ((t.eigenvalues, t.vectors) for t in table._eigenbases)]
 
 
-@pytest.mark.slow
 def test_noise_is_the_likeliest_of_all_mixtures() -> None:
     table = bins()
     columns = design_matrix(table.times_s, 1 / 30, 1)
@@ -52,7 +51,6 @@ def test_noise_is_the_likeliest_of_all_mixtures() -> None:
     assert np.linalg.eigvalsh(found.correlation).min() > 0
 
 
-@pytest.mark.slow
 def test_covariance_of_coefficients_is_that_of_every_noise_by_its_restricted_likelihood() -> None:
     table = bins(2)
     columns = design_matrix(table.times_s, 1 / 30, 1)

@@ -262,7 +262,7 @@ class Transcribed:
         return expected_w
 
 
-@pytest.mark.slow
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("order", [3, 1, 0])
 def test_the_published_filter_is_its_transcription(order):
     """Step by step at 100 Hz over two laps, readings missing here and there."""

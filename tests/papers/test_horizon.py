@@ -222,7 +222,6 @@ def check_solution(found, plan):
         assert set(plan.chosen[:, k].tolist()) <= set(levels)
 
 
-@pytest.mark.slow
 def test_limits_of_a_pack_without_the_letters_against_brute_force():
     rng, named, infeasible = np.random.default_rng(5), set(), 0
     for i in range(60):
@@ -495,7 +494,6 @@ def test_lowered_by_a_small_delta_finds_the_highest_level_that_holds():
     assert len(found) > 2
 
 
-@pytest.mark.slow
 def test_lowered_lowers_by_delta_until_the_constraints_hold():
     rng = np.random.default_rng(10)
     lowered = 0

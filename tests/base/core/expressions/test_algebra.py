@@ -57,7 +57,6 @@ TREES = st.recursive(
 )
 
 
-@pytest.mark.slow
 @settings(max_examples=draws(0.5))
 @given(TREES)
 def test_what_is_multiplied_out_is_what_sympy_shows(text):

@@ -212,7 +212,6 @@ def test_an_uncertain_wind_against_draws_of_winds(wind_mps, share):
     assert std == pytest.approx(times.std(), rel=0.12)
 
 
-@pytest.mark.slow
 def test_losses_are_expected_as_a_poisson_process_takes_them():
     rate = 6.0 / 3600
     objectives = [Objective(0.05, 0.95, each) for each in (0.0, rate)]
@@ -229,7 +228,6 @@ def test_losses_are_expected_as_a_poisson_process_takes_them():
     assert LOSS_SQUARE > LOSS**2
 
 
-@pytest.mark.slow
 def test_a_loss_that_was_seen_raises_the_rate_as_bayes_has_it():
     """Against flights whose rates are drawn from the prior: their mean rate, of those with as many losses so far."""
     rate, seconds = 0.5 / 3600, 60.0
