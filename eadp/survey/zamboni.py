@@ -239,13 +239,32 @@ def layouts(width_m: float, motion: MotionLimits) -> list[BlockLayout]:
     return found
 
 
-def top_m(polygon_m: FloatArray, centres_m: ArrayLike, width_m: float) -> FloatArray:
-    """The greatest v of a polygon in strips along v.
+def edges_of(polygon_m: FloatArray) -> FloatArray:
+    """The edges of a polygon that are not upright.
 
     Parameters
     ----------
     polygon_m : array, shape (n, 2)
         Its vertices (u, v) [m], in order, either way round.
+
+    Returns
+    -------
+    array, shape (5, k)
+        Of each the least and the greatest u, u and v where it starts [m], and its slope.
+    """
+    starts, ends = polygon_m, np.concatenate([polygon_m[1:], polygon_m[:1]])
+    own = np.abs(ends[:, 0] - starts[:, 0]) > SAME_M  # an upright one has its ends in common with others
+    (u0, v0), (u1, v1) = starts[own].T, ends[own].T
+    return np.stack([np.minimum(u0, u1), np.maximum(u0, u1), u0, v0, (v1 - v0) / (u1 - u0)])
+
+
+def top_m(edges: FloatArray, centres_m: ArrayLike, width_m: float) -> FloatArray:
+    """The greatest v of a polygon in strips along v.
+
+    Parameters
+    ----------
+    edges : array, shape (5, n)
+        Of `edges_of`.
     centres_m : array, shape (k,)
         Middles u of the strips [m].
     width_m : float
@@ -256,15 +275,12 @@ def top_m(polygon_m: FloatArray, centres_m: ArrayLike, width_m: float) -> FloatA
     array, shape (k,)
         [m]; −∞ for a strip outside the polygon.
     """
-    start, end = polygon_m, np.roll(polygon_m, -1, axis=0)
-    steep = np.abs(end[:, 0] - start[:, 0]) <= SAME_M  # both ends are those of other edges
-    (u0, v0), (u1, v1) = start[~steep].T, end[~steep].T
+    left, right, u0, v0, slope = edges
     # of each strip, row, with each edge, column: the v at both ends of what they share
     u = np.atleast_1d(np.asarray(centres_m, dtype=float))[:, None]
-    low = np.maximum(u - width_m / 2 + EDGE_M, np.minimum(u0, u1))
-    high = np.minimum(u + width_m / 2 - EDGE_M, np.maximum(u0, u1))
-    at_low, at_high = (v0 + (v1 - v0) / (u1 - u0) * (each - u0) for each in (low, high))
-    return np.asarray(np.where(low <= high, np.maximum(at_low, at_high), -np.inf).max(axis=1))
+    low, high = np.maximum(u - width_m / 2 + EDGE_M, left), np.minimum(u + width_m / 2 - EDGE_M, right)
+    higher = np.maximum(v0 + slope * (low - u0), v0 + slope * (high - u0))
+    return np.asarray(np.where(low <= high, higher, -np.inf).max(axis=1))
 
 
 def levels_above(
@@ -275,7 +291,7 @@ def levels_above(
     Parameters
     ----------
     polygons : list of (array, float)
-        The vertices of each, as of `top_m`, with where its strip's middle is at the start [m].
+        The edges of each, as of `edges_of`, with where its strip's middle is at the start [m].
     length_m, width_m : float
         How far the strips move, and how wide they are [m].
     slack_m : float
@@ -287,15 +303,15 @@ def levels_above(
         Over 0 to `length_m`.
     """
     knots = [0.0, length_m]
-    for polygon_m, first in polygons:
-        corners = polygon_m[:, 0] - first
+    for edges, first in polygons:
+        corners = edges[:2].ravel() - first
         inside = width_m / 2 - 2 * EDGE_M  # so that a strip contains a corner at the corner's knots
         knots += [*(corners - inside), *(corners + inside)]
     places = np.unique(np.clip(knots, 0.0, length_m))
     places = places[np.concatenate(([True], np.diff(places) > 1e-6))]
     places[-1] = length_m
     # between knots the reach of a strip is a maximum of lines, which is convex: a chord lies above it
-    levels = [_filled(places, top_m(polygon_m, first + places, width_m)) for polygon_m, first in polygons]
+    levels = [_filled(places, top_m(edges, first + places, width_m)) for edges, first in polygons]
     return _thinned(places.tolist(), np.max(levels, axis=0).tolist(), slack_m)
 
 
@@ -327,7 +343,7 @@ def build_block(
     """The block whose first line is at u = `first_m` of a frame, over a polygon of it, shape (n, 2)."""
     # a turn begins beyond the ground by a lead-in; from below it is seen upside down, by −v
     beyond = np.array([0.0, motion.lead_in_m])
-    above, below = polygon_m + beyond, polygon_m * np.array([1.0, -1.0]) + beyond
+    above, below = edges_of(polygon_m + beyond), edges_of(polygon_m * np.array([1.0, -1.0]) + beyond)
     # each level holds for the whole strip under a line, `strip_m` wide at most, while the line moves over `travel`
     travel = layout.travel_m
     second = first_m + 2 * layout.first_radius_m

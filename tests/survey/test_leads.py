@@ -15,7 +15,7 @@ from eadp.models.performance import roll_out_m
 from eadp.models.vehicle import FixedWing, PaperVehicle
 from eadp.survey.coverage import CoverageRequest, cover
 from eadp.survey.swaths import MotionLimits
-from eadp.survey.zamboni import EDGE_M, levels_above, top_m
+from eadp.survey.zamboni import EDGE_M, edges_of, levels_above, top_m
 
 BOX = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
 MOTION = MotionLimits(40.0, 25.0, 37.5, 20.0)
@@ -91,7 +91,7 @@ def test_the_reach_in_a_strip_is_that_of_the_polygon_cut_out(seed, corners, u, w
     if not shapely.Polygon(points).is_valid:
         return
     expected = reach(points, u, width)
-    found = top_m(points, [u], width)[0]
+    found = top_m(edges_of(points), [u], width)[0]
     if math.isinf(expected):
         assert found == -math.inf or found <= points[:, 1].max()
     else:
@@ -102,12 +102,12 @@ def test_the_reach_in_a_strip_is_that_of_the_polygon_cut_out(seed, corners, u, w
 @example(9999, 26, 13.78125, 0.0)  # an edge that rises by 20 km in a metre
 def test_levels_are_never_below_what_strips_reach(seed, corners, width, slack):
     points = star(seed, corners)
-    left, right = points[:, 0].min(), points[:, 0].max()
+    edges, left, right = edges_of(points), points[:, 0].min(), points[:, 0].max()
     length = (right - left) / 3
     firsts = [left + width / 2, left + length]
-    levels = levels_above([(points, first) for first in firsts], length, width, slack)
+    levels = levels_above([(edges, first) for first in firsts], length, width, slack)
     places = np.linspace(0, length, 301)
-    reached = np.max([top_m(points, first + places, width) for first in firsts], axis=0)
+    reached = np.max([top_m(edges, first + places, width) for first in firsts], axis=0)
     # a strip's edge is known to a few EDGE_M: on an edge that is all but upright, that is millimetres of level
     bound = np.max([levels.at(np.clip(places + by, 0, length)) for by in (-4 * EDGE_M, 0.0, 4 * EDGE_M)], axis=0)
     assert (bound >= reached - 1e-3).all()
