@@ -251,7 +251,6 @@ def test_repairs_are_noted(eadp, tmp_path):
     assert len(document["normalised"]) == 1
 
 
-@pytest.mark.slow
 def test_the_pictures(eadp, tmp_path, box):
     plot = tmp_path / "field.svg"
     answer = eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--plot", plot, "--format", "json")

@@ -401,7 +401,7 @@ def simulated(c1, wind, step_s):
     return outcome
 
 
-@pytest.mark.slow
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("wind", [Wind(), Wind(4.0, towards_deg=90.0), Wind(6.0, towards_deg=200.0)])
 def test_a_simulated_flight_takes_the_times_told(wind):
     # triggers fire 20 m early at both ends of a leg, so that durations stay but for the first and the last
