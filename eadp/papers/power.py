@@ -84,8 +84,7 @@ class PowerTracker:
         """Take what the state of the flight takes: the stage and the lap are counted at once, the rest waits."""
         if isinstance(seen, Readings):
             self._soc = float(seen.charges[-1])
-            for time_s, power_w in zip(seen.times_s.tolist(), seen.powers_w.tolist(), strict=True):
-                self._waiting.append((time_s, partial(self._observe, time_s, power_w, self.computing_w)))
+            self._waiting.append((float(seen.times_s[0]), partial(self._spread, seen, self.computing_w)))
             return
         o, self.computing_w = seen.observation, seen.computing_w
         self.soc_before, self._soc = self._soc, o.soc
@@ -123,6 +122,12 @@ class PowerTracker:
         self._lap_from_s = o.time_s
         lap = self._estimator.end_lap if whole else self._estimator.start_lap
         self._waiting.append((o.time_s, partial(lap, o.time_s)))
+
+    def _spread(self, readings: Readings, computing_w: float) -> None:
+        """Put the readings of a batch in its place, which a flight that asks for no estimate never comes to."""
+        readings_of = zip(readings.times_s.tolist(), readings.powers_w.tolist(), strict=True)
+        waiting = [(time_s, partial(self._observe, time_s, power_w, computing_w)) for time_s, power_w in readings_of]
+        self._waiting.extendleft(reversed(waiting))
 
     def _process(self, until_s: float = math.inf) -> None:
         """Pass what waits to the estimator, in order, up to a time [s]."""

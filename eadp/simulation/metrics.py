@@ -191,6 +191,8 @@ class SensorSuite:
         self, step: int, x_m: float, y_m: float, power_w: float, soc: float
     ) -> tuple[tuple[float, float], float | None, float]:
         """Position [m], power [W], None in a drop-out, and state of charge, as measured at a step."""
+        if self._sensors.ideal:  # no noise is drawn for it
+            return (x_m, y_m), power_w, min(1.0, max(0.0, soc))
         sensors, noise = self._sensors, self._row(step)
         position_m = x_m + sensors.position_noise_m * noise[OF_X], y_m + sensors.position_noise_m * noise[OF_Y]
         measured_w = None if self._drops_out(step) else power_w + sensors.power_noise_w * noise[OF_POWER]
