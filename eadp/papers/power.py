@@ -125,9 +125,8 @@ class PowerTracker:
 
     def _spread(self, readings: Readings, computing_w: float) -> None:
         """Put the readings of a batch in its place, which a flight that asks for no estimate never comes to."""
-        readings_of = zip(readings.times_s.tolist(), readings.powers_w.tolist(), strict=True)
-        waiting = [(time_s, partial(self._observe, time_s, power_w, computing_w)) for time_s, power_w in readings_of]
-        self._waiting.extendleft(reversed(waiting))
+        for time_s, power_w in zip(readings.times_s[::-1].tolist(), readings.powers_w[::-1].tolist(), strict=True):
+            self._waiting.appendleft((time_s, partial(self._observe, time_s, power_w, computing_w)))
 
     def _process(self, until_s: float = math.inf) -> None:
         """Pass what waits to the estimator, in order, up to a time [s]."""

@@ -314,7 +314,6 @@ class _PlannerBridge:
     def __init__(self, world: World, flight: PlannedFlight, inner_loop: InnerLoop, outcome: Outcome) -> None:
         self._step_s, self.flight = world.clock.step_s, flight
         self._inner_loop = inner_loop
-        self._ideal = world.sensors.ideal
         self._suite = SensorSuite(world.sensors, world.clock.step_s, np.random.default_rng([world.seed, 1]))
         self.late = self._suite.late
         """Delay of the measurements in steps."""
@@ -363,7 +362,7 @@ class _PlannerBridge:
         if not len(steps):
             return
         x_m, y_m, powers_w, charges, vx_mps, vy_mps, headings_rad = columns
-        if not self._ideal:
+        if not self._suite.ideal:
             for i, (step, *true) in enumerate(zip(steps, x_m, y_m, powers_w, charges, strict=True)):
                 _, power_w, charges[i] = self._suite.measured(int(step), *true)
                 powers_w[i] = math.nan if power_w is None else power_w

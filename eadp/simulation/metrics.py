@@ -173,7 +173,7 @@ class SensorSuite:
     """
 
     def __init__(self, sensors: Sensors, step_s: float, rng: np.random.Generator) -> None:
-        self._sensors = sensors
+        self._sensors, self.ideal = sensors, sensors.ideal
         self._rng, self._durations = rng.spawn(2)
         self.late = round(sensors.delay_s / step_s)
         """The delay in steps."""
@@ -191,7 +191,7 @@ class SensorSuite:
         self, step: int, x_m: float, y_m: float, power_w: float, soc: float
     ) -> tuple[tuple[float, float], float | None, float]:
         """Position [m], power [W], None in a drop-out, and state of charge, as measured at a step."""
-        if self._sensors.ideal:  # no noise is drawn for it
+        if self.ideal:  # no noise is drawn for it
             return (x_m, y_m), power_w, min(1.0, max(0.0, soc))
         sensors, noise = self._sensors, self._row(step)
         position_m = x_m + sensors.position_noise_m * noise[OF_X], y_m + sensors.position_noise_m * noise[OF_Y]

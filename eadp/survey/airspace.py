@@ -196,9 +196,9 @@ def _quickest_way(times_s: FloatArray) -> list[int]:
     end, start = len(times_s) - 2, len(times_s) - 1
     left_s, following = np.full(len(times_s), np.inf), np.full(len(times_s), end)
     left_s[end] = 0.0
-    while (quicker := (times_s + left_s).min(axis=1) < left_s).any():
-        following[quicker] = (times_s + left_s)[quicker].argmin(axis=1)
-        left_s[quicker] = (times_s + left_s)[quicker].min(axis=1)
+    while (quicker := (through_s := times_s + left_s).min(axis=1) < left_s).any():
+        following[quicker] = through_s[quicker].argmin(axis=1)
+        left_s[quicker] = through_s[quicker].min(axis=1)
     way = [start]
     while math.isfinite(left_s[start]) and way[-1] != end:
         way.append(int(following[way[-1]]))

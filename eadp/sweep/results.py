@@ -68,7 +68,7 @@ class SweepFigures:
 
 COLUMNS = tuple(each.name for each in fields(SweepFigures))
 _SUMMARY = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
-_SORTED = json.JSONEncoder(sort_keys=True)
+SORTED = json.JSONEncoder(sort_keys=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,7 +238,7 @@ class Results:
         known |= {"solver_failed": solver.get("failed"), "fallbacks": solver.get("fallbacks")}
         figures = [known.get(name) for name in COLUMNS]
         text = None if summary is None else _SUMMARY.encode(summary)
-        files, overrides = (_SORTED.encode(dict(part)) for part in (run.files, run.overrides))
+        files, overrides = (SORTED.encode(dict(part)) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]
         return (run.key, code_identity(), files, overrides, seed, *figures, result.error, text, result.took_s)
 

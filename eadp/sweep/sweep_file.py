@@ -30,14 +30,12 @@ from eadp.io.text.yaml import Path as KeyPath
 from eadp.io.vehicle import replaced
 from eadp.plug_ins import code_identity
 from eadp.sweep.engines import Run
-from eadp.sweep.results import SweepFlight
+from eadp.sweep.results import SORTED, SweepFlight
 
 SCHEMA = "eadp.sweep/1"
 FILES = ("plan", "scenario", "profile", "energy")
 SHORT = {"planner": "planner.name"}
 """Keys that stand for others; `c1` for `parameters.c1` is one of all scenarios' overrides."""
-
-_SORTED = json.JSONEncoder(sort_keys=True)
 
 RUNS_LIMIT = 1_000_000
 Count = Annotated[int, Ge(1), Le(RUNS_LIMIT)]
@@ -262,7 +260,7 @@ class Sweep:
         if vehicle is not None:
             contents["vehicle"] = digest(self.kept.text(vehicle))
         whole = [FLIGHT_SCHEMA, code_identity(), contents, dict(overrides)]
-        return hashlib.sha256(_SORTED.encode(whole).encode()).hexdigest()[:32]
+        return hashlib.sha256(SORTED.encode(whole).encode()).hexdigest()[:32]
 
     @cached_property
     def _digests(self) -> dict[str, str]:
